@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::Checkpoint;
+use crate::elementary::powf;
 
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -121,7 +122,7 @@ impl<'a> Part<'a> {
 impl Control for Part<'_> {
     fn report(&self, progress: &Progress) {
         // Bits of floats that are not negative have the order of the floats.
-        let fraction = progress.fraction.max(0.0).powf(self.exponent);
+        let fraction = powf(progress.fraction.max(0.0), self.exponent);
         self.largest.fetch_max(fraction.to_bits(), Ordering::Relaxed);
         self.whole.report(&Progress { fraction: self.reached(), ..progress.clone() });
     }

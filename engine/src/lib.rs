@@ -21,6 +21,8 @@
 //! ```
 // Allowed in `cpu` and `memory::pages` alone.
 #![deny(unsafe_code)]
+// Tests compare with the functions of the standard library.
+#![cfg_attr(test, allow(clippy::disallowed_methods))]
 
 pub mod analysis;
 mod arrays;
@@ -29,6 +31,7 @@ pub mod checkpoint;
 pub mod control;
 mod cpu;
 pub mod distance;
+mod elementary;
 pub mod error;
 pub mod export;
 pub mod gap;

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::arrays::Each as _;
+use crate::elementary::{asin, hypot};
 use crate::request::{Boundary, Specimen};
 
 /// Relative margin by which centres keep further from walls than asked, so that the check, which
@@ -40,7 +41,7 @@ impl Specimen {
             Self::Cylinder { diameter_mm, height_mm } => {
                 let radius = diameter_mm / 2.0;
                 let nearest = |a: usize| ((center[a] - radius).abs() - half[a]).max(0.0);
-                (radius - nearest(0).hypot(nearest(1))).min(between(2, height_mm))
+                (radius - hypot(nearest(0), nearest(1))).min(between(2, height_mm))
             }
         }
     }
@@ -54,7 +55,7 @@ impl Specimen {
             Self::Cylinder { diameter_mm, height_mm } => {
                 let radius = diameter_mm / 2.0;
                 let farthest = |a: usize| (center[a] - radius).abs() + half[a];
-                (radius - farthest(0).hypot(farthest(1))).min(between(2, height_mm))
+                (radius - hypot(farthest(0), farthest(1))).min(between(2, height_mm))
             }
         }
     }
@@ -134,7 +135,7 @@ impl Region {
             || outside(2)
             || self.disc.is_some_and(|disc| {
                 let gap = |a: usize| ((center[a] - disc.center[a]).abs() - half[a]).max(0.0);
-                gap(0).hypot(gap(1)) > disc.radius
+                hypot(gap(0), gap(1)) > disc.radius
             })
     }
 
@@ -147,7 +148,7 @@ impl Region {
         let along = ((x - low) / (high - low)).clamp(0.0, 1.0);
         if axis < 2 && self.disc.is_some() {
             let t = 2.0 * along - 1.0;
-            return 0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / PI;
+            return 0.5 + (t * (1.0 - t * t).sqrt() + asin(t)) / PI;
         }
         along
     }

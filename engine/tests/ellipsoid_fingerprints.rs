@@ -2,7 +2,7 @@
 //!
 //! The sums of random addition are those of commit 14806ae, the others those of the commit that lets pushes open gaps:
 //! CRC-32 of the little-endian bytes of centres, orientations and semi-axes. A change that alters one bit of a packing
-//! alters what a published seed means, and fails here. The sums hold where they were recorded, as those of spheres do.
+//! alters what a published seed means, and fails here. The sums hold on every machine, as those of spheres do.
 
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};

@@ -10,6 +10,7 @@
 use std::f64::consts::PI;
 
 use super::sections::Sections;
+use crate::elementary::{acos, atan2, hypot, sin_cos};
 use crate::packing::{GrainsRef, Spheres};
 use crate::request::{Boundary, Specimen};
 
@@ -145,7 +146,7 @@ impl Profiled for Spheres {
         let mut covered = vec![0.0; depths.steps];
         for (i, &d) in self.d_mm.iter().enumerate() {
             let r = d / 2.0;
-            let from_axis = (self.x_mm[i] - radius).hypot(self.y_mm[i] - radius);
+            let from_axis = hypot(self.x_mm[i] - radius, self.y_mm[i] - radius);
             for k in depths.within(radius - from_axis - r, radius - from_axis + r) {
                 let at = radius - depths.depth(k);
                 covered[k] += arcs(r, from_axis, at) / (2.0 * PI * at * height);
@@ -196,16 +197,16 @@ impl Profiled for Sections<'_> {
         for grain in 0..self.len() {
             let center = self.center_mm(grain);
             let (x, y) = (center.x - radius, center.y - radius);
-            let (from_axis, reach) = (x.hypot(y), self.outer_radius_mm(grain));
+            let (from_axis, reach) = (hypot(x, y), self.outer_radius_mm(grain));
             let chords = self.chords(grain);
             for k in depths.within(radius - from_axis - reach, radius - from_axis + reach) {
                 let at = radius - depths.depth(k);
                 let cos_angle = (at * at + from_axis * from_axis - reach * reach) / (2.0 * at * from_axis);
-                let half_angle = if cos_angle.is_nan() { PI } else { cos_angle.clamp(-1.0, 1.0).acos() };
+                let half_angle = if cos_angle.is_nan() { PI } else { acos(cos_angle.clamp(-1.0, 1.0)) };
                 let step = 2.0 * half_angle / CHORDS as f64;
-                let from = y.atan2(x) - half_angle;
+                let from = atan2(y, x) - half_angle;
                 let lengths = (0..CHORDS).map(|node| {
-                    let (sine, cosine) = (from + (node as f64 + 0.5) * step).sin_cos();
+                    let (sine, cosine) = sin_cos(from + (node as f64 + 0.5) * step);
                     chords.length_mm(at * cosine - x, at * sine - y)
                 });
                 covered[k] += lengths.sum::<f64>() * step / (2.0 * PI * height);
@@ -223,12 +224,12 @@ fn arcs(r: f64, from_axis: f64, at: f64) -> f64 {
     let mut sum = 0.0;
     // Half of the height only: the other half is its mirror image.
     for k in 0..nodes {
-        let (sine, cosine) = ((k as f64 + 0.5) / nodes as f64 * PI / 2.0).sin_cos();
+        let (sine, cosine) = sin_cos((k as f64 + 0.5) / nodes as f64 * PI / 2.0);
         let t = half_height * sine;
         // Radius squared of the circle at that height, and half the angle of the arc inside it.
         let s2 = r * r - t * t;
         let cos_angle = (at * at + from_axis * from_axis - s2) / (2.0 * at * from_axis);
-        let angle = if cos_angle.is_nan() { PI } else { cos_angle.clamp(-1.0, 1.0).acos() };
+        let angle = if cos_angle.is_nan() { PI } else { acos(cos_angle.clamp(-1.0, 1.0)) };
         sum += 2.0 * angle * at * half_height * cosine;
     }
     PI * sum / nodes as f64

@@ -3,6 +3,7 @@
 //! Both are the mass fraction of the whole aggregate that passes a sieve. Grains below the cut-off are
 //! not placed, but counted as passing in both, so that a curve of a standard looks as in the standard.
 
+use crate::elementary::powf;
 use crate::mix::class::Law;
 use crate::mix::{GradedMix, sphere_volume};
 
@@ -65,7 +66,7 @@ pub fn grading(grains: Vec<SizedGrain>, mix: &GradedMix) -> GradingCurve {
     let mut diameters = edges.clone();
     let (from, to) = (mix.d_min_mm / MARGIN, mix.d_max_mm * MARGIN);
     if from > 0.0 {
-        diameters.extend((0..POINTS).map(|i| from * (to / from).powf(i as f64 / (POINTS - 1) as f64)));
+        diameters.extend((0..POINTS).map(|i| from * powf(to / from, i as f64 / (POINTS - 1) as f64)));
         // Equal grains make a step: the curve has to stand below it too.
         diameters.extend(edges.iter().map(|d| d * (1.0 - 1.0e-9)));
     }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use crate::elementary::cbrt;
 use crate::geometry::cells::{Cells, Sorted};
 use crate::memory::OutOfMemory;
 
@@ -28,8 +29,8 @@ impl NeighborGrid {
         reach_mm: f64,
     ) -> Result<Self, OutOfMemory> {
         let volume: f64 = bounds.iter().product();
-        let sparse = libm::cbrt(2.0 * volume / grains.len().max(1) as f64);
-        let edge = sparse.max(reach_mm / 4.0).max(libm::cbrt(volume / MAX_CELLS));
+        let sparse = cbrt(2.0 * volume / grains.len().max(1) as f64);
+        let edge = sparse.max(reach_mm / 4.0).max(cbrt(volume / MAX_CELLS));
         let grains = Sorted::new(Cells::new(bounds, edge), grains, |&[x, y, z, _]| [x, y, z])?;
         Ok(Self { bounds, periodic, grains })
     }

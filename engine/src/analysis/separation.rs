@@ -17,6 +17,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::elementary::{cos, ln_1p, sin};
 use crate::mix::sphere_volume;
 use crate::packing::{GrainsRef, SegregationReport, Separation, SeparationAcross, Spheres};
 use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
@@ -177,7 +178,7 @@ impl Measured {
         let shares: Vec<f64> = (0..spheres.len()).map(share).collect();
         let mean = |weights: &[f64]| weights.iter().zip(&shares).map(|(weight, share)| weight * share).sum();
         let (coarsest, finest) = (mean(&thirds.coarsest), mean(&thirds.finest));
-        let cosines = shares.iter().map(|share| (PI * share).cos()).collect();
+        let cosines = shares.iter().map(|share| cos(PI * share)).collect();
         Self { shares, cosines, coarsest, finest }
     }
 }
@@ -222,13 +223,13 @@ impl Products {
                 }
                 for (orders, sums) in orders.iter().zip(&mut of_products) {
                     let angle = |f: usize| PI * f64::from(orders[f]) * shares[f];
-                    let value: f64 = (0..fields.len()).map(|f| angle(f).cos()).product();
+                    let value: f64 = (0..fields.len()).map(|f| cos(angle(f))).product();
                     let slope = |axis: usize| -> f64 {
                         (0..fields.len())
                             .map(|f| {
                                 let others: f64 =
-                                    (0..fields.len()).filter(|&g| g != f).map(|g| angle(g).cos()).product();
-                                -PI * f64::from(orders[f]) * angle(f).sin() * slopes[f][axis] * others
+                                    (0..fields.len()).filter(|&g| g != f).map(|g| cos(angle(g))).product();
+                                -PI * f64::from(orders[f]) * sin(angle(f)) * slopes[f][axis] * others
                             })
                             .sum()
                     };
@@ -393,8 +394,8 @@ impl Moments {
         let mean = self.sum * values.sum / self.n;
         let variance = self.spread() * values.spread() / (self.n - 1.0).max(1.0);
         // Box and Muller (1958).
-        let radius = (-2.0 * (-uniform(rng)).ln_1p()).sqrt();
-        mean + variance.sqrt() * radius * (2.0 * PI * uniform(rng)).cos()
+        let radius = (-2.0 * ln_1p(-uniform(rng))).sqrt();
+        mean + variance.sqrt() * radius * cos(2.0 * PI * uniform(rng))
     }
 }
 

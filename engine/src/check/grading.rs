@@ -18,6 +18,7 @@
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
+use crate::elementary::{ln, powf};
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::standard;
 use crate::request::{Grading, Mix, MixPart, PackingRequest, Specimen, VolumeFractionOf};
@@ -246,10 +247,10 @@ fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport>
 fn share_between(grading: &Grading, class: &ClassReport, low: f64, high: f64) -> f64 {
     match grading {
         Grading::Fuller { exponent, .. } => {
-            let passing = |d: f64| d.powf(*exponent);
+            let passing = |d: f64| powf(d, *exponent);
             (passing(high) - passing(low)) / (passing(class.d_max_mm) - passing(class.d_min_mm))
         }
-        _ => (high / low).ln() / (class.d_max_mm / class.d_min_mm).ln(),
+        _ => ln(high / low) / ln(class.d_max_mm / class.d_min_mm),
     }
 }
 
@@ -313,7 +314,7 @@ fn mass_shares(grading: &Grading, d_min: f64) -> Vec<ClassReport> {
     // Linear in ln d: the share of a class that is coarser than the cut-off.
     let log_linear = |low: f64, high: f64, share: f64| {
         let from = low.max(d_min);
-        let kept = if from > low { (high / from).ln() / (high / low).ln() } else { 1.0 };
+        let kept = if from > low { ln(high / from) / ln(high / low) } else { 1.0 };
         (share > 0.0 && from < high).then(|| class((from, high), share * kept))
     };
     let of_points = |points: &[[f64; 2]]| {
@@ -323,7 +324,7 @@ fn mass_shares(grading: &Grading, d_min: f64) -> Vec<ClassReport> {
         Grading::Standard { name } => of_points(standard::points(*name)),
         Grading::Sieves { points } => of_points(points),
         Grading::Fuller { d_max_mm, exponent } => {
-            let passing = |d: f64| (d / d_max_mm).powf(*exponent);
+            let passing = |d: f64| powf(d / d_max_mm, *exponent);
             between_sieves((d_min, *d_max_mm))
                 .map(|(low, high)| class((low, high), passing(high) - passing(low)))
                 .collect()

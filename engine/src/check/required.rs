@@ -3,6 +3,7 @@
 //! The distance rules stand here a second time, written as the request documents them, so that a mistake in
 //! [`crate::distance`], which the packing methods use, does not pass the check.
 
+use crate::elementary::hypot;
 use crate::request::{Boundary, Distance, Specimen};
 
 /// The demands of a request.
@@ -64,7 +65,7 @@ impl Required {
             Specimen::Box { size_mm: [a, b, c], .. } => ends(x, a).min(ends(y, b)).min(ends(z, c)),
             Specimen::Cylinder { diameter_mm, height_mm } => {
                 let radius = 0.5 * diameter_mm;
-                (radius - (x - radius).hypot(y - radius)).min(ends(z, height_mm))
+                (radius - hypot(x - radius, y - radius)).min(ends(z, height_mm))
             }
         }
     }

@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use crate::arrays;
+use crate::elementary::{cos, sin, sin_cos};
 use crate::shape::Polyhedron;
 
 /// Rings of latitude on the half sphere; as far apart as the directions on them.
@@ -58,7 +59,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
     found.sort_by(|p, q| p.0.total_cmp(&q.0));
     let mut starts: Vec<(f64, V)> = Vec::new();
     for candidate in found {
-        if starts.len() < STARTS && starts.iter().all(|start| start.1.dot(&candidate.1).abs() < APART.cos()) {
+        if starts.len() < STARTS && starts.iter().all(|start| start.1.dot(&candidate.1).abs() < cos(APART)) {
             starts.push(candidate);
         }
     }
@@ -75,12 +76,12 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
 /// Steps from a direction to those of smaller openings.
 fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64; 2]) -> (f64, V) {
     let ways: [(f64, f64); WAYS] =
-        arrays::from_fn(|way| (std::f64::consts::TAU * way as f64 / WAYS as f64).sin_cos());
+        arrays::from_fn(|way| sin_cos(std::f64::consts::TAU * way as f64 / WAYS as f64));
     let (mut step, mut turn, mut in_vain) = (from, 0.0_f64, 0);
     while step > to {
         let [u, v] = frame(&axis);
         let before = best;
-        let (sin, cos) = turn.sin_cos();
+        let (sin, cos) = sin_cos(turn);
         for (sin_of_way, cos_of_way) in ways {
             let way = u * (cos * cos_of_way - sin * sin_of_way) + v * (sin * cos_of_way + cos * sin_of_way);
             let next = (axis + way * step).normalize();
@@ -114,10 +115,10 @@ fn width(corners: &[V], axis: &V) -> f64 {
 fn directions() -> impl Iterator<Item = V> {
     (0..RINGS).flat_map(|ring| {
         let polar = std::f64::consts::FRAC_PI_2 * (ring as f64 + 0.5) / RINGS as f64;
-        let n = (4.0 * RINGS as f64 * polar.sin()).ceil();
+        let n = (4.0 * RINGS as f64 * sin(polar)).ceil();
         (0..n as usize).map(move |i| {
             let angle = std::f64::consts::TAU * (i as f64 + 0.5 * (ring % 2) as f64) / n;
-            V::new(polar.sin() * angle.cos(), polar.sin() * angle.sin(), polar.cos())
+            V::new(sin(polar) * cos(angle), sin(polar) * sin(angle), cos(polar))
         })
     })
 }

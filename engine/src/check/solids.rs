@@ -8,6 +8,7 @@ use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
 use super::packing::Packing;
 use super::{Check, Fault, SeparationCertificate, body, sieve};
 use crate::control::Control;
+use crate::elementary::cbrt;
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::packing::{GrainsRef, Solids};
 use crate::request::{Distance, PackingRequest, Specimen};
@@ -198,7 +199,7 @@ fn ellipsoid_size(shape: &Ellipsoid, size: SizeMeasure) -> (f64, f64) {
     let size = match size {
         // The narrowest passage is along the longest axis, the ellipse (b, c) turned by 45 degrees in the square.
         SizeMeasure::Sieve => (2.0 * (b * b + c * c)).sqrt(),
-        SizeMeasure::Equivalent => 2.0 * libm::cbrt(a * b * c),
+        SizeMeasure::Equivalent => 2.0 * cbrt(a * b * c),
     };
     (size, 4.0 / 3.0 * PI * a * b * c)
 }

@@ -5,6 +5,7 @@
 //! fine ones around them in long runs, for grains lie in memory in the order of their cells.
 
 use crate::arrays::{self, Each as _};
+use crate::elementary::{cbrt, log2};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
@@ -51,7 +52,7 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
         reach_beyond: G,
     ) -> Result<Self, OutOfMemory> {
         let largest = spheres.d_mm.iter().copied().fold(0.0, f64::max);
-        let octave_of = |d: f64| (largest / d).log2() as usize;
+        let octave_of = |d: f64| log2(largest / d) as usize;
         let mut grains_of: Vec<usize> = Vec::new();
         for &d in &spheres.d_mm {
             let octave = octave_of(d);
@@ -131,7 +132,7 @@ impl Octave {
         let top = rows.iter().map(|&row| spheres.d_mm[row as usize]).fold(0.0, f64::max);
         // Few grains in much space need few cells.
         let volume: f64 = bounds.iter().product();
-        let width = (top + reach_beyond(top, top)).max(libm::cbrt(volume / (2.0 * rows.len() as f64)));
+        let width = (top + reach_beyond(top, top)).max(cbrt(volume / (2.0 * rows.len() as f64)));
         let counts = bounds.each(|length| ((length / width) as usize).max(1));
         let per_mm = arrays::from_fn(|a| counts[a] as f64 / bounds[a]);
         let width = arrays::from_fn(|a| bounds[a] / counts[a] as f64);

@@ -8,6 +8,7 @@
 use std::ops::Range;
 
 use crate::arrays::{self, Each as _};
+use crate::elementary::{cbrt, log2};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
@@ -201,7 +202,7 @@ impl Octaves {
     /// The system refused memory.
     pub fn new(spheres: &Spheres, bounds_mm: [f64; 3], gap_mm: f64) -> Result<Self, OutOfMemory> {
         let largest = spheres.d_mm.iter().copied().fold(0.0, f64::max);
-        let octave_of = |d_mm: f64| (largest / d_mm).log2() as usize;
+        let octave_of = |d_mm: f64| log2(largest / d_mm) as usize;
         let mut counts: Vec<usize> = Vec::new();
         for octave in spheres.d_mm.iter().map(|&d_mm| octave_of(d_mm)) {
             if counts.len() <= octave {
@@ -219,7 +220,7 @@ impl Octaves {
         let octave = |spheres: Vec<Sphere>| {
             let largest_d_mm = spheres.iter().map(|sphere| sphere.d_mm).fold(0.0, f64::max);
             // Two cells for each sphere at most: few in much space would need many.
-            let sparse_mm = libm::cbrt(volume_mm3 / (2.0 * spheres.len() as f64));
+            let sparse_mm = cbrt(volume_mm3 / (2.0 * spheres.len() as f64));
             let cells = Cells::new(bounds_mm, (largest_d_mm + gap_mm).max(sparse_mm));
             Ok(Octave { largest_d_mm, sorted: Sorted::new(cells, &spheres, |sphere| sphere.center_mm)? })
         };

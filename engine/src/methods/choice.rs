@@ -2,6 +2,7 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::elementary::{ln, ln_1p};
 use crate::rng::uniform;
 
 /// Places that are chosen among where none was taken before.
@@ -30,11 +31,11 @@ impl<T> Choice<T> {
     pub(crate) fn offer(&mut self, place: T, log_weight: f64, rng: &mut Xoshiro256PlusPlus) {
         self.offered += 1;
         // Of 1 - u, for u may be 0 and may not be 1.
-        if (-uniform(rng)).ln_1p() < log_weight {
+        if ln_1p(-uniform(rng)) < log_weight {
             (self.chosen, self.most) = (Some(place), f64::INFINITY);
             return;
         }
-        let key = log_weight - (-(-uniform(rng)).ln_1p()).ln();
+        let key = log_weight - ln(-ln_1p(-uniform(rng)));
         if self.chosen.is_none() || key > self.most {
             (self.chosen, self.most) = (Some(place), key);
         }

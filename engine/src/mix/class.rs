@@ -14,6 +14,7 @@
 //! ([`Class::volume_ratio`]).
 
 use super::sphere_volume;
+use crate::elementary::{cbrt, exp, exp2, ln, log2, powf};
 
 /// How mass is spread over the diameters of a class.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,12 +65,12 @@ impl Class {
 
     /// The class in parts of at most a twelfth of an octave, with the same law.
     pub fn narrow(&self) -> Vec<Self> {
-        let octaves = (self.high_mm / self.low_mm).log2();
+        let octaves = log2(self.high_mm / self.low_mm);
         let n = (octaves * super::CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
         let edge = |i: usize| match i {
             0 => self.low_mm,
             i if i == n => self.high_mm,
-            i => self.low_mm * (octaves * i as f64 / n as f64).exp2(),
+            i => self.low_mm * exp2(octaves * i as f64 / n as f64),
         };
         (0..n)
             .map(|i| {
@@ -84,8 +85,8 @@ impl Class {
     pub fn mass_share(&self, from: f64, to: f64) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);
         match self.law {
-            Law::LogUniform => (to / from).ln() / (b / a).ln(),
-            Law::Fuller { exponent: q } => (to.powf(q) - from.powf(q)) / (b.powf(q) - a.powf(q)),
+            Law::LogUniform => ln(to / from) / ln(b / a),
+            Law::Fuller { exponent: q } => (powf(to, q) - powf(from, q)) / (powf(b, q) - powf(a, q)),
             Law::Single => 1.0,
         }
     }
@@ -94,10 +95,10 @@ impl Class {
     pub fn grains_per_volume(&self) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);
         let spheres = match self.law {
-            Law::LogUniform => (a.powi(-3) - b.powi(-3)) / (3.0 * (b / a).ln()) / std::f64::consts::FRAC_PI_6,
+            Law::LogUniform => (a.powi(-3) - b.powi(-3)) / (3.0 * ln(b / a)) / std::f64::consts::FRAC_PI_6,
             Law::Fuller { exponent: q } => {
-                q * (b.powf(q - 3.0) - a.powf(q - 3.0))
-                    / ((q - 3.0) * (b.powf(q) - a.powf(q)))
+                q * (powf(b, q - 3.0) - powf(a, q - 3.0))
+                    / ((q - 3.0) * (powf(b, q) - powf(a, q)))
                     / std::f64::consts::FRAC_PI_6
             }
             Law::Single => 1.0 / sphere_volume(a),
@@ -109,11 +110,11 @@ impl Class {
     pub fn diameter(&self, u: f64) -> f64 {
         let (a, b) = (self.low_mm, self.high_mm);
         let d = match self.law {
-            Law::LogUniform => a * b / libm::cbrt(b * b * b * (1.0 - u) + a * a * a * u),
+            Law::LogUniform => a * b / cbrt(b * b * b * (1.0 - u) + a * a * a * u),
             Law::Fuller { exponent: q } => {
                 let s = q - 3.0;
-                let (a_s, b_s) = (a.powf(s), b.powf(s));
-                (a_s - u * (a_s - b_s)).powf(1.0 / s)
+                let (a_s, b_s) = (powf(a, s), powf(b, s));
+                powf(a_s - u * (a_s - b_s), 1.0 / s)
             }
             Law::Single => a,
         };
@@ -136,14 +137,14 @@ impl Class {
             Law::Fuller { exponent } => exponent,
             _ => 0.0,
         };
-        let (from, to) = (self.low_mm.ln(), self.high_mm.ln());
+        let (from, to) = (ln(self.low_mm), ln(self.high_mm));
         let half = (to - from) / (2.0 * PANELS as f64);
         let (mut weighted, mut weights) = (0.0, 0.0);
         for panel in 0..PANELS {
             let middle = from + half * (2.0 * panel as f64 + 1.0);
             for (node, weight) in NODES {
-                let d = (middle + half * node).exp();
-                let w = weight * (d / self.low_mm).powf(q - 3.0);
+                let d = exp(middle + half * node);
+                let w = weight * powf(d / self.low_mm, q - 3.0);
                 weighted += w * f(d);
                 weights += w;
             }

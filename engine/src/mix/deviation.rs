@@ -8,6 +8,7 @@
 
 use super::class::{Class, Law};
 use super::{GradedMix, sphere_volume};
+use crate::elementary::log10;
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::{FieldError, Mix};
 
@@ -161,7 +162,7 @@ fn figures(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
-    let magnitude = value.abs().log10().floor() as i32;
+    let magnitude = log10(value.abs()).floor() as i32;
     if magnitude < -4 {
         let text = format!("{value:.2e}");
         let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));

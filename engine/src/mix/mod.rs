@@ -14,6 +14,7 @@ pub mod shapes;
 pub mod sieve;
 mod templates;
 
+use crate::elementary::{cbrt, ln, powf};
 use crate::request::{Grading, GrainKind, Mix, VolumeFractionOf, standard};
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
@@ -153,7 +154,7 @@ impl GradedMix {
     pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
         let enlarged = |d: f64| sphere_volume(factor * d + offset);
         let of_class = |c: &Class| {
-            let equivalent = libm::cbrt(c.volume_ratio);
+            let equivalent = cbrt(c.volume_ratio);
             c.mean_of(&|d| enlarged(d * equivalent)) * c.grains_per_volume()
         };
         self.expected_sum(of_class, |d| enlarged(self.equivalent_mm(d)))
@@ -178,7 +179,7 @@ impl GradedMix {
     pub fn equivalent_mm(&self, size_mm: f64) -> f64 {
         match &self.shapes {
             None => size_mm,
-            Some(shapes) => size_mm * libm::cbrt(shapes.mean_volume_ratio(0, size_mm)),
+            Some(shapes) => size_mm * cbrt(shapes.mean_volume_ratio(0, size_mm)),
         }
     }
 
@@ -193,7 +194,7 @@ impl GradedMix {
         let mut sizes = Vec::with_capacity(self.classes.len() * QUANTILES);
         for class in &self.classes {
             let number = self.class_volume_mm3(class) * class.grains_per_volume() / QUANTILES as f64;
-            let equivalent = libm::cbrt(class.volume_ratio);
+            let equivalent = cbrt(class.volume_ratio);
             let quantile = |k: usize| class.diameter((k as f64 + 0.5) / QUANTILES as f64) * equivalent;
             sizes.extend((0..QUANTILES).map(|k| (quantile(k), number)));
         }
@@ -231,11 +232,11 @@ fn expected_volume_mm3(size_mm: f64, shapes: Option<&ShapeSampler>) -> f64 {
 /// [`LIST_SIZES`]th of the range, on a logarithmic scale, as so many of their mean volume.
 fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
     let (Some(&largest), Some(&least)) = (list.first(), list.last()) else { return Vec::new() };
-    let step = ((largest / least).ln() / LIST_SIZES).max(f64::MIN_POSITIVE);
+    let step = (ln(largest / least) / LIST_SIZES).max(f64::MIN_POSITIVE);
     let mut sizes: Vec<(f64, f64)> = Vec::new();
     let mut bin = -1.0;
     for &d in list.iter().rev() {
-        let of = ((d / least).ln() / step).floor();
+        let of = (ln(d / least) / step).floor();
         match sizes.last_mut() {
             Some((cubes, number)) if of == bin => (*cubes, *number) = (*cubes + d.powi(3), *number + 1.0),
             _ => sizes.push((d.powi(3), 1.0)),
@@ -243,7 +244,7 @@ fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
         bin = of;
     }
     for (size, number) in &mut sizes {
-        *size = libm::cbrt(*size / *number);
+        *size = cbrt(*size / *number);
     }
     sizes
 }
@@ -297,7 +298,7 @@ fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
 
 /// Fuller's curve between the standard sieves.
 fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
-    let passing = |d: f64| (d / d_max).powf(exponent);
+    let passing = |d: f64| powf(d / d_max, exponent);
     let mut classes = sieve::between(d_min, d_max, Law::Fuller { exponent });
     for class in &mut classes {
         class.mass_fraction = passing(class.high_mm) - passing(class.low_mm);

@@ -13,6 +13,7 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::elementary::{atan, exp, exp_m1, ln_1p, tan};
 use crate::request::{Axis, Orientation};
 use crate::rng::uniform;
 
@@ -69,12 +70,12 @@ fn cosine(k: f64, rng: &mut Xoshiro256PlusPlus) -> f64 {
     loop {
         let (u, v) = (uniform(rng), uniform(rng));
         let (t, accepted) = if k > 0.0 {
-            let t = ((u * k.exp_m1()).ln_1p() / k).min(1.0);
-            (t, (k * t * (t - 1.0)).exp())
+            let t = (ln_1p(u * exp_m1(k)) / k).min(1.0);
+            (t, exp(k * t * (t - 1.0)))
         } else if k < 0.0 {
             let root = (-k).sqrt();
-            let t = ((u * root.atan()).tan() / root).min(1.0);
-            (t, (1.0 - k * t * t) * (k * t * t).exp())
+            let t = (tan(u * atan(root)) / root).min(1.0);
+            (t, (1.0 - k * t * t) * exp(k * t * t))
         } else {
             (u, 1.0)
         };

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::model::{self, Features, LIKELY, STALL_EVENTS, bisect};
 use super::shapes;
 use crate::distance::DistanceRule;
+use crate::elementary::log10;
 use crate::methods::edmd::Expected;
 use crate::mix::GradedMix;
 use crate::request::{
@@ -242,6 +243,6 @@ fn round(value: f64) -> f64 {
     if value <= 0.0 {
         return 0.0;
     }
-    let step = 10.0_f64.powi(2 - value.log10().floor() as i32);
+    let step = 10.0_f64.powi(2 - log10(value).floor() as i32);
     (value * step).floor() / step
 }

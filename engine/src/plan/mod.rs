@@ -14,6 +14,7 @@ use std::num::NonZeroUsize;
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
+use crate::elementary::powf;
 use crate::error::PlanError;
 use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
@@ -388,7 +389,7 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
         GrainKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
         GrainKind::Mixed => (shapes::EQUAL_POLYHEDRA, "ellipsoids and polyhedra"),
     };
-    let mut densest = 1.0 - (1.0 - equal) * ratio.powf(VOIDS_EXPONENT);
+    let mut densest = 1.0 - (1.0 - equal) * powf(ratio, VOIDS_EXPONENT);
     if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {
         densest = densest.min(BEYOND_RANDOM * case.features.random_close());
     }

@@ -6,6 +6,7 @@
 //! sizes, walls and limits; it must never pack.
 
 use super::rods::random_close;
+use crate::elementary::{exp, ln, log10, powf};
 use crate::methods::edmd::MOST_START;
 use crate::request::EdmdOptions;
 
@@ -119,12 +120,12 @@ impl Features {
     pub(crate) fn new(sizes: &[(f64, f64)], [least, largest]: [f64; 2], walls_per_mm: f64) -> Self {
         let moment = |of: &dyn Fn(f64) -> f64| sizes.iter().map(|&(d, number)| number * of(d)).sum::<f64>();
         let volume = moment(&|d| d.powi(3));
-        let mean = moment(&|d| d.powi(3) * d.ln()) / volume;
-        let variance = moment(&|d| d.powi(3) * (d.ln() - mean).powi(2)) / volume;
+        let mean = moment(&|d| d.powi(3) * ln(d)) / volume;
+        let variance = moment(&|d| d.powi(3) * (ln(d) - mean).powi(2)) / volume;
         Self {
             random_close: random_close(sizes),
             spread: variance.sqrt(),
-            fines: mean - least.ln(),
+            fines: mean - ln(least),
             walls: walls_per_mm * volume / moment(&|d| d * d),
             ratio: largest / least,
         }
@@ -149,15 +150,15 @@ impl Features {
     pub(crate) fn rsa_limit(&self, attempts_per_grain: Option<u64>) -> f64 {
         let voids =
             rsa::EQUAL + rsa::SPREAD * self.spread + rsa::FINES * self.fines + rsa::WALLS * self.walls;
-        let fewer = attempts_per_grain.map_or(0.0, |attempts| (7.0 - (attempts as f64).log10()).max(0.0));
-        (1.0 - (-voids).exp() - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
+        let fewer = attempts_per_grain.map_or(0.0, |attempts| (7.0 - log10(attempts as f64)).max(0.0));
+        (1.0 - exp(-voids) - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
     }
 
     /// Volume fraction, coating included, up to which random placing is cheaper than growth to a target; an infinite
     /// target stands for the largest distance.
     pub(crate) fn growth_start(&self, filled: f64) -> f64 {
         let limit = self.rsa_limit(None);
-        let wide = (self.ratio / start::RATIO).max(1.0).ln();
+        let wide = ln((self.ratio / start::RATIO).max(1.0));
         let by_target = start::PER_TARGET * (filled / limit - start::TARGET);
         let share = start::SHARE + by_target + start::PER_RATIO * wide;
         limit * share.clamp(start::LEAST, start::MOST)
@@ -170,12 +171,12 @@ impl Features {
 
     /// Volume fraction, coating included, at which so many growing grains jam.
     pub(crate) fn jamming(&self, grains: f64) -> f64 {
-        let equal = (-(self.spread / growth::EQUAL_SPREAD).powi(2)).exp();
+        let equal = exp(-(self.spread / growth::EQUAL_SPREAD).powi(2));
         let share = growth::BULK
             + growth::WALLS * self.walls
             + growth::WALLS_SQUARED * self.walls.powi(2)
             + growth::EQUAL * equal
-            + growth::FEW * grains.max(1.0).powf(-1.0 / 3.0);
+            + growth::FEW * powf(grains.max(1.0), -1.0 / 3.0);
         // Of very few grains in large walls nothing is known; they are not looser than that.
         self.random_close * share.max(0.5)
     }
@@ -187,15 +188,15 @@ impl Features {
             return f64::INFINITY;
         }
         let to_grow = 1.0 - self.starts_from(filled) / filled;
-        let at_jamming = growth::EVENTS + growth::GAP * (1.0 - share).ln() + growth::FILLED * share.ln();
-        (at_jamming + growth::TO_GROW * to_grow.ln()).exp()
+        let at_jamming = growth::EVENTS + growth::GAP * ln(1.0 - share) + growth::FILLED * ln(share);
+        exp(at_jamming + growth::TO_GROW * ln(to_grow))
     }
 
     /// Time of random sequential addition in s, to its end or its success.
     pub(crate) fn rsa_time_s(&self, filled: f64, grains: f64, attempts_per_grain: Option<u64>) -> f64 {
         let crowding = (filled / self.rsa_limit(attempts_per_grain)).min(1.0);
         let crowded =
-            rsa::CROWDED_US * (rsa::FALL_OFF * (crowding - 1.0) + rsa::CROWDED_SPREAD * self.spread).exp();
+            rsa::CROWDED_US * exp(rsa::FALL_OFF * (crowding - 1.0) + rsa::CROWDED_SPREAD * self.spread);
         grains * (rsa::LOOSE_US + crowded) * 1e-6 * beyond_cache(grains, rsa::CACHE)
     }
 
@@ -217,7 +218,7 @@ impl Features {
     pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
         let needed = self.events_per_grain(filled, grains);
         let allowed = growth::LAST_SUCCESS.min(Self::events_allowed(grains, options));
-        normal((allowed / needed).ln() / growth::ERROR)
+        normal(ln(allowed / needed) / growth::ERROR)
     }
 
     /// Time of growth in s, to its end or its success.
@@ -278,7 +279,7 @@ fn start_s(grains: f64) -> f64 {
 }
 
 fn beyond_cache(grains: f64, exponent: f64) -> f64 {
-    (grains / CACHED).max(1.0).powf(exponent)
+    powf((grains / CACHED).max(1.0), exponent)
 }
 
 /// The largest value for which `holds`, which holds below it.
@@ -304,6 +305,6 @@ fn normal(x: f64) -> f64 {
     }
     let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
     let series = COEFFICIENTS.iter().rev().fold(0.0, |sum, c| (sum + c) * t);
-    let tail = 0.5 * series * (-0.5 * x * x).exp();
+    let tail = 0.5 * series * exp(-0.5 * x * x);
     if x >= 0.0 { 1.0 - tail } else { tail }
 }

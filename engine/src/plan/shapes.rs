@@ -10,6 +10,7 @@ use super::estimate::{MethodEstimate, MethodEstimates};
 use super::invalid;
 use super::model::LIKELY;
 use crate::distance::DistanceRule;
+use crate::elementary::{exp, ln, powf};
 use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::request::{GrainKind, PackingRequest, Specimen};
@@ -98,8 +99,8 @@ pub(super) fn limited(
     let limit = |of_spheres: MethodEstimate, most: f64, times: &[(f64, f64)]| {
         let reach = of_spheres.volume_fraction_with_coating_reach.min(most);
         // The logistic function that is LIKELY at the reach.
-        let at_reach = (LIKELY / (1.0 - LIKELY)).ln();
-        let probability = 1.0 / (1.0 + ((filled - reach) / WIDTH - at_reach).exp());
+        let at_reach = ln(LIKELY / (1.0 - LIKELY));
+        let probability = 1.0 / (1.0 + exp((filled - reach) / WIDTH - at_reach));
         MethodEstimate {
             success_probability: probability.min(of_spheres.success_probability),
             time_s: time_s(times, filled.min(reach)) * grains / MEASURED_GRAINS,
@@ -117,7 +118,7 @@ pub(super) fn limited(
 fn time_s(points: &[(f64, f64)], filled: f64) -> f64 {
     let i = points.partition_point(|(fraction, _)| *fraction < filled).clamp(1, points.len() - 1);
     let [(from, before), (to, after)] = [points[i - 1], points[i]];
-    before * (after / before).powf((filled - from) / (to - from))
+    before * powf(after / before, (filled - from) / (to - from))
 }
 
 /// Refuses a mix of which no grain of the largest size fits into the specimen, with its distances.

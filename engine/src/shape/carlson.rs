@@ -4,6 +4,8 @@
 //! DOI 10.1007/BF02198293, algorithms 1 and 2; `R_G` by equation 19.21.10 of the Digital Library of Mathematical
 //! Functions (<https://dlmf.nist.gov/19.21>). Arguments are positive and finite.
 
+use crate::elementary::powf;
+
 /// Relative error of the truncated series.
 const TOLERANCE: f64 = 1.0e-17;
 /// Most duplications; each divides the spread of the arguments by four, and none of the ratios of this crate needs
@@ -15,7 +17,7 @@ pub(super) fn rf(mut x: f64, mut y: f64, mut z: f64) -> f64 {
     let first = (x + y + z) / 3.0;
     let (x0, y0) = (x, y);
     let spread = (first - x).abs().max((first - y).abs()).max((first - z).abs());
-    let mut bound = spread * (3.0 * TOLERANCE).powf(-1.0 / 6.0);
+    let mut bound = spread * powf(3.0 * TOLERANCE, -1.0 / 6.0);
     let (mut mean, mut power) = (first, 1.0);
     for _ in 0..MAX_DUPLICATIONS {
         if bound < mean {
@@ -39,7 +41,7 @@ pub(super) fn rd(mut x: f64, mut y: f64, mut z: f64) -> f64 {
     let first = (x + y + 3.0 * z) / 5.0;
     let (x0, y0) = (x, y);
     let spread = (first - x).abs().max((first - y).abs()).max((first - z).abs());
-    let mut bound = spread * (TOLERANCE / 4.0).powf(-1.0 / 6.0);
+    let mut bound = spread * powf(TOLERANCE / 4.0, -1.0 / 6.0);
     let (mut mean, mut power, mut sum) = (first, 1.0, 0.0);
     for _ in 0..MAX_DUPLICATIONS {
         if bound < mean {

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::carlson::rg;
 use super::{Form, Pose, Zingg};
+use crate::elementary::cbrt;
 
 /// An ellipsoid by its semi-axes `a >= b >= c`, which lie along x, y and z of the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +53,7 @@ impl Ellipsoid {
 
     pub(super) fn of_equivalent_diameter(diameter_mm: f64, Form { elongation, flatness }: Form) -> Self {
         // a b c = a³ (b/a)² (c/b).
-        let a = diameter_mm / 2.0 / libm::cbrt(elongation * elongation * flatness);
+        let a = diameter_mm / 2.0 / cbrt(elongation * elongation * flatness);
         let b = a * elongation;
         Self { semi_axes_mm: Vector3::new(a, b, b * flatness) }
     }
@@ -109,7 +110,7 @@ impl Ellipsoid {
     #[must_use]
     pub fn equivalent_diameter_mm(&self) -> f64 {
         let [a, b, c] = self.semi_axes_mm.into();
-        2.0 * a * libm::cbrt((b / a) * (c / a))
+        2.0 * a * cbrt((b / a) * (c / a))
     }
 
     /// Sieve size `D_s = sqrt(2 (b² + c²))` in mm: the edge of the smallest square opening that the ellipsoid passes.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::Ellipsoid;
+use crate::elementary::cbrt;
 
 /// Boundary between the classes of Zingg.
 const ZINGG_BOUNDARY: f64 = 2.0 / 3.0;
@@ -32,7 +33,7 @@ impl Form {
     #[must_use]
     pub fn equivalent_over_sieve(&self) -> f64 {
         let Self { elongation, flatness } = *self;
-        2.0 * libm::cbrt(flatness / elongation) / (2.0 * (1.0 + flatness * flatness)).sqrt()
+        2.0 * cbrt(flatness / elongation) / (2.0 * (1.0 + flatness * flatness)).sqrt()
     }
 
     /// `(d_eq / D_s)³` of an ellipsoid: its volume over that of a sphere that passes the same sieve.

@@ -2,6 +2,7 @@
 
 use super::ratios::{MIN_BETA_PARAMETER, MIN_RATIO, RatioDistribution, RatioLaw};
 use crate::arrays::Each as _;
+use crate::elementary::{asin, cos, exp, ln, sin};
 
 /// Steps of the tabulated distribution function of a beta law.
 const STEPS: usize = 4096;
@@ -124,24 +125,24 @@ impl Beta {
     fn new(mean: f64, deviation: f64) -> Self {
         let sum = mean * (1.0 - mean) / (deviation * deviation) - 1.0;
         let [p, q] = [mean * sum, (1.0 - mean) * sum].each(|parameter| parameter.max(MIN_BETA_PARAMETER));
-        let angle = |x: f64| x.clamp(MIN_RATIO, 1.0).sqrt().asin();
+        let angle = |x: f64| asin(x.clamp(MIN_RATIO, 1.0).sqrt());
         let (from, to) = (angle(mean - REACH * deviation), angle(mean + REACH * deviation));
         let step = (to - from) / STEPS as f64;
         let logs: Vec<f64> = (0..STEPS)
             .map(|i| {
                 let t = from + step * (i as f64 + 0.5);
-                (2.0 * p - 1.0) * t.sin().ln() + (2.0 * q - 1.0) * t.cos().ln()
+                (2.0 * p - 1.0) * ln(sin(t)) + (2.0 * q - 1.0) * ln(cos(t))
             })
             .collect();
         let peak = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let total: f64 = logs.iter().map(|log| (log - peak).exp()).sum();
+        let total: f64 = logs.iter().map(|log| exp(log - peak)).sum();
         let mut sum = 0.0;
         let cumulative = logs.iter().map(|log| {
-            sum += (log - peak).exp() / total;
+            sum += exp(log - peak) / total;
             sum
         });
         let edge = |i: usize| {
-            let sine = (from + step * i as f64).sin();
+            let sine = sin(from + step * i as f64);
             (sine * sine).clamp(MIN_RATIO, 1.0)
         };
         Self { cumulative: cumulative.collect(), edges: (0..=STEPS).map(edge).collect() }

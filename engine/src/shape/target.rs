@@ -8,6 +8,7 @@
 
 use super::indices::{FLAKINESS_FRACTIONS_MM, NON_CUBICAL};
 use super::{Form, SizeMeasure};
+use crate::elementary::ln;
 
 /// Half of the width of the law of flatness.
 const HALF_WIDTH: f64 = 0.2;
@@ -48,7 +49,7 @@ pub(super) fn flaky_share(flatness: f64, passing: &dyn Fn(f64) -> f64) -> f64 {
         let flaky = |[low, high, slot]: [f64; 3]| passing((2.0 * slot / x).clamp(low, high)) - passing(low);
         FLAKINESS_FRACTIONS_MM.into_iter().map(flaky).sum::<f64>() / all
     } else {
-        ((1.25 / x).ln() / 1.25_f64.ln()).clamp(0.0, 1.0)
+        (ln(1.25 / x) / ln(1.25)).clamp(0.0, 1.0)
     }
 }
 

@@ -1,13 +1,8 @@
-//! Whether two processes compute the same bits: the digest of small packings, which take a tenth of a second, and of
-//! the elementary functions.
+//! Whether two processes compute the same bits: the digest of small packings, which take a tenth of a second.
 //!
-//! A job that goes on elsewhere from its checkpoint must end with the bits of one that was not moved. A worker shows it
-//! before it gets its first job. The engine's own code computes the same on every processor, which its tests hold; the
-//! elementary functions are those of the C library, and their last digits differ between libraries and between
-//! processors with and without fused multiply-add (`docs/method.md`, "Determinism"). A small packing need not meet an
-//! argument for which they do.
-
-use std::hint::black_box;
+//! A job that goes on elsewhere from its checkpoint must end with the bits of one that was not moved. The engine
+//! computes the same on every processor and with every C library (`docs/method.md`, "Determinism"). A worker shows it
+//! before it gets its first job.
 
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::{Limits, PackError, PackingRequest, Unattended};
@@ -47,47 +42,12 @@ fn requests() -> [Value; 2] {
     ]
 }
 
-/// For how many arguments each elementary function is compared.
-const ARGUMENTS: u32 = 10_000;
-
-/// Adds values of the elementary functions that the engine takes from the C library to a digest, for arguments between
-/// -7 and 100.
-fn elementary_functions(digest: &mut Sha256) {
-    for i in 0..ARGUMENTS {
-        // Hidden from the compiler, which computes constants by functions of its own.
-        let x = black_box((f64::from(i) + 0.5) / f64::from(ARGUMENTS));
-        let (large, signed) = (100.0 * x, 2.0 * x - 1.0);
-        let values = [
-            large.powf(3.0 * signed),
-            x.powf(large),
-            large.hypot(x),
-            (7.0 * signed).exp(),
-            (7.0 * signed).exp2(),
-            signed.exp_m1(),
-            large.ln(),
-            x.ln_1p(),
-            large.log2(),
-            large.log10(),
-            large.sin(),
-            large.cos(),
-            signed.tan(),
-            signed.asin(),
-            signed.acos(),
-            signed.atan2(x),
-        ];
-        for value in values {
-            digest.update(value.to_le_bytes());
-        }
-    }
-}
-
-/// SHA-256 of the packings and of the values of elementary functions, in hexadecimal.
+/// SHA-256 of the packings, in hexadecimal.
 ///
 /// # Errors
 /// See [`ProbeError`].
 pub(crate) fn bits() -> Result<String, ProbeError> {
     let mut digest = Sha256::new();
-    elementary_functions(&mut digest);
     for request in requests() {
         let read = PackingRequest::from_json(&request, 1).map_err(|faults| {
             ProbeError::Other(faults.first().map_or_else(String::new, ToString::to_string))

@@ -22,6 +22,7 @@ use super::near::Near;
 use super::{Counter, Moments, QualityError, evenly};
 use crate::arrays::Each as _;
 use crate::control::Control;
+use crate::elementary::{exp, ln, powf};
 
 /// Gap of near pairs above the smallest gap, in units of `d_min + g_min`.
 pub const NEAR: f64 = 0.05;
@@ -143,7 +144,7 @@ pub(super) fn contacts(
     let [near_gap_mm, contact_gap_mm] =
         [NEAR, CONTACT].each(|gap| smallest_gap_mm + gap * (d_min_mm + smallest_gap_mm));
     let bounds = ratio_bounds(d_max_mm / d_min_mm);
-    let ln_d: Vec<f64> = crate::memory::collected(d_mm.iter().map(|d| d.ln()))?;
+    let ln_d: Vec<f64> = crate::memory::collected(d_mm.iter().map(|d| ln(*d)))?;
     let class: Vec<u8> = crate::memory::collected(d_mm.iter().map(|&d| class_of(classes, d) as u8))?;
     let references = evenly(d_mm.len(), MAX_REFERENCES);
     let counted = references.len();
@@ -166,7 +167,7 @@ pub(super) fn contacts(
             own.add(x, 1.0);
             others.add(y, 1.0);
             product += x * y;
-            let ratio = (x - y).abs().exp();
+            let ratio = exp((x - y).abs());
             like += u64::from(ratio <= LIKE_RATIO);
             if let Some(last) = by_ratio.len().checked_sub(1) {
                 let bin = bounds[1..].iter().position(|&bound| ratio <= bound).unwrap_or(last);
@@ -229,7 +230,7 @@ fn ratio_bounds(largest: f64) -> Vec<f64> {
     if largest <= 1.0 {
         return Vec::new();
     }
-    (0..=RATIO_BINS).map(|bin| largest.powf(bin as f64 / RATIO_BINS as f64)).collect()
+    (0..=RATIO_BINS).map(|bin| powf(largest, bin as f64 / RATIO_BINS as f64)).collect()
 }
 
 /// A grain with the number of its near pairs.

@@ -6,6 +6,7 @@
 
 use std::f64::consts::PI;
 
+use crate::elementary::{acos, asin, cos, hypot};
 use crate::mix::sphere_volume;
 
 /// Steps of Simpson's rule, an even number.
@@ -47,7 +48,7 @@ impl Prism {
                 ([low[0] - (x - r), x + r - high[0], low[1] - (y - r), y + r - high[1]], 4)
             }
             Section::Disc { center, radius } => {
-                let beyond = (x - center[0]).hypot(y - center[1]) + r - radius;
+                let beyond = hypot(x - center[0], y - center[1]) + r - radius;
                 ([beyond, 0.0, 0.0, 0.0], 1)
             }
         };
@@ -67,7 +68,7 @@ impl Prism {
     }
 
     fn integral(&self, [x, y, z]: [f64; 3], r: f64) -> f64 {
-        let angle = |height: f64| ((height - z) / r).clamp(-1.0, 1.0).asin();
+        let angle = |height: f64| asin(((height - z) / r).clamp(-1.0, 1.0));
         let (from, to) = (angle(self.low), angle(self.high));
         if to <= from {
             return 0.0;
@@ -75,7 +76,7 @@ impl Prism {
         let step = (to - from) / STEPS as f64;
         let mut sum = 0.0;
         for k in 0..=STEPS {
-            let cosine = (from + k as f64 * step).cos().max(0.0);
+            let cosine = cos(from + k as f64 * step).max(0.0);
             let weight = match k {
                 0 | STEPS => 1.0,
                 k if k % 2 == 1 => 4.0,
@@ -84,7 +85,7 @@ impl Prism {
             let s = r * cosine;
             let area = match self.section {
                 Section::Rectangle { low, high } => in_rectangle([x, y], s, low, high),
-                Section::Disc { center, radius } => lens((x - center[0]).hypot(y - center[1]), s, radius),
+                Section::Disc { center, radius } => lens(hypot(x - center[0], y - center[1]), s, radius),
             };
             sum += weight * area * s;
         }
@@ -106,9 +107,9 @@ fn in_rectangle(center: [f64; 2], radius: f64, low: [f64; 2], high: [f64; 2]) ->
 
 /// Area of the unit disc where x and y are both above a bound from -1 to 1.
 fn beyond_corner(p: f64, q: f64) -> f64 {
-    let segment = |h: f64| h.acos() - h * (1.0 - h * h).max(0.0).sqrt();
+    let segment = |h: f64| acos(h) - h * (1.0 - h * h).max(0.0).sqrt();
     if p * p + q * q < 1.0 {
-        let part = |h: f64| (h.asin() + h * (1.0 - h * h).sqrt()) / 2.0;
+        let part = |h: f64| (asin(h) + h * (1.0 - h * h).sqrt()) / 2.0;
         return PI / 4.0 - part(p) - part(q) + p * q;
     }
     // The corner lies outside of the disc.
@@ -131,7 +132,7 @@ fn lens(distance: f64, a: f64, b: f64) -> f64 {
     let segment = |radius: f64, other: f64| {
         let h = ((distance * distance + radius * radius - other * other) / (2.0 * distance * radius))
             .clamp(-1.0, 1.0);
-        radius * radius * (h.acos() - h * (1.0 - h * h).max(0.0).sqrt())
+        radius * radius * (acos(h) - h * (1.0 - h * h).max(0.0).sqrt())
     };
     segment(a, b) + segment(b, a)
 }

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Quaternion, Vector3};
 
 use crate::arrays::{self, Each as _};
 use crate::check::double_double::{DoubleDouble, Vector, dot};
+use crate::elementary::cbrt;
 use crate::shape::{self, Pose};
 
 /// An ellipsoid with position and orientation.
@@ -51,7 +52,7 @@ impl Ellipsoid {
             axes,
             matrix: axes.transpose() * axes,
             radius: semi_axes.max(),
-            equivalent_diameter: 2.0 * libm::cbrt(semi_axes[0] * semi_axes[1] * semi_axes[2]),
+            equivalent_diameter: 2.0 * cbrt(semi_axes[0] * semi_axes[1] * semi_axes[2]),
         })
     }
 

@@ -10,6 +10,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Quaternion, Vector3};
 
 use crate::arrays::Each as _;
+use crate::elementary::{acos, cbrt};
 use crate::shape::{Pose, ScaledPolyhedron};
 
 /// A polyhedron with position and orientation.
@@ -70,7 +71,7 @@ impl<'a> Polyhedron<'a> {
             equivalent_diameter: 0.0,
         };
         polyhedron.volume = polyhedron.own_volume();
-        polyhedron.equivalent_diameter = libm::cbrt(6.0 * polyhedron.volume / PI);
+        polyhedron.equivalent_diameter = cbrt(6.0 * polyhedron.volume / PI);
         (polyhedron.equivalent_diameter > 0.0).then_some(polyhedron)
     }
 
@@ -108,7 +109,7 @@ impl<'a> Polyhedron<'a> {
                 match normals.remove(&[to, from]) {
                     Some(other) => {
                         let length = (self.relative[from] - self.relative[to]).norm();
-                        curvature += 0.5 * length * normal.dot(&other).clamp(-1.0, 1.0).acos();
+                        curvature += 0.5 * length * acos(normal.dot(&other).clamp(-1.0, 1.0));
                     }
                     None => drop(normals.insert([from, to], normal)),
                 }

@@ -20,6 +20,7 @@ use crate::arrays::Each as _;
 use crate::check::body::Ellipsoid;
 use crate::check::double_double::DoubleDouble;
 use crate::check::separation::{ERROR, EXACT_ERROR};
+use crate::elementary::{atan2, cos, sin};
 use crate::request::{Boundary, Specimen};
 
 /// Gap between an ellipsoid and the nearest wall, and whether it is at least `required`. Walls farther away than
@@ -99,8 +100,8 @@ impl Farthest {
         let spread = half.norm();
         let (large, small) = (mean + spread, mean - spread);
         // Half the angle of (difference, off-diagonal) is that of the larger axis.
-        let angle = 0.5 * half.y.atan2(half.x);
-        let axis = Vector2::new(angle.cos(), angle.sin());
+        let angle = 0.5 * atan2(half.y, half.x);
+        let axis = Vector2::new(cos(angle), sin(angle));
         let along = axis.dot(c).powi(2);
         let across = axis.perp(c).powi(2);
         // With t = l - large; it falls in t.

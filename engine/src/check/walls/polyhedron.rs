@@ -6,6 +6,7 @@ use crate::arrays::Each as _;
 use crate::check::body::Polyhedron;
 use crate::check::double_double::DoubleDouble;
 use crate::check::separation::{ERROR, EXACT_ERROR};
+use crate::elementary::hypot;
 use crate::request::{Boundary, Specimen};
 
 /// Gap between a polyhedron and the nearest wall, and whether it is at least `required`.
@@ -27,7 +28,7 @@ pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, specimen: &Specimen, req
             }
         }
         if let Some(axis) = axis {
-            gap = gap.min(axis - (p.x - axis).hypot(p.y - axis));
+            gap = gap.min(axis - hypot(p.x - axis, p.y - axis));
             scale = scale.max(body.radius + required + axis + p.x.abs() + p.y.abs());
         }
     }

@@ -10,6 +10,7 @@ use super::tessellation::{
 };
 use super::topology::{self, Topology, has_first};
 use crate::arrays::Each as _;
+use crate::elementary::cbrt;
 use crate::export::ExportError;
 use crate::export::steps::Steps;
 use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
@@ -196,7 +197,7 @@ impl Sums {
         // Both the tetrahedra and the cells fill what the surface encloses.
         checks.cell_volume_error = miss(cell_volume.get()).max(miss(self.volume.get()));
         let off2: f64 = (0..3).map(|a| ((moment[a].get() - self.moment[a].get()) / volume).powi(2)).sum();
-        checks.center_of_mass_error = off2.sqrt() / libm::cbrt(volume);
+        checks.center_of_mass_error = off2.sqrt() / cbrt(volume);
         checks.unsigned_excess = (self.unsigned.get() - volume) / volume;
         checks.projected_volume_error = miss(self.projected.get());
         checks.fabric = self.fabric.each(|sum| sum.get() / (3.0 * volume));

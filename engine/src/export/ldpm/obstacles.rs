@@ -4,6 +4,7 @@
 use super::grains::Grains;
 use super::surface::Edge;
 use crate::arrays::Each as _;
+use crate::elementary::cbrt;
 use crate::geometry::cells::Cells;
 
 /// Most buckets; beyond, they grow.
@@ -106,7 +107,7 @@ impl Obstacles {
     /// No obstacles yet, in a region from the origin to `bounds`, and most of a radius near `typical`.
     pub(super) fn new(bounds: [f64; 3], typical: f64) -> Self {
         let volume: f64 = bounds.iter().product();
-        let width = (2.0 * typical).max(libm::cbrt(volume / MAX_BUCKETS));
+        let width = (2.0 * typical).max(cbrt(volume / MAX_BUCKETS));
         let cells = Cells::new(bounds, width);
         Self { cells, all: Vec::new(), heads: vec![NONE; cells.count()], links: Vec::new() }
     }

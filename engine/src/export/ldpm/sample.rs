@@ -11,6 +11,7 @@ use super::obstacles::{Obstacle, Obstacles};
 use super::surface::{Edge, Face};
 use crate::arrays::{self, Each as _};
 use crate::control::Control;
+use crate::elementary::hypot;
 use crate::export::{ExportError, go_on};
 use crate::rng::uniform;
 
@@ -126,7 +127,7 @@ fn is_open(
     middle: [f64; 2],
     half: [f64; 2],
 ) -> bool {
-    face.reaches(middle, half) && !obstacles.cover(grains, face.at(middle), half[0].hypot(half[1]))
+    face.reaches(middle, half) && !obstacles.cover(grains, face.at(middle), hypot(half[0], half[1]))
 }
 
 /// Takes `count` points drawn by `draw`, or as many as have a place; `false` when not all had.

@@ -9,6 +9,7 @@
 use std::f64::consts::{PI, TAU};
 
 use crate::arrays::{self, Each as _};
+use crate::elementary::{asin, hypot, sin_cos};
 use crate::request::Specimen;
 
 /// The parts of a surface.
@@ -98,10 +99,10 @@ impl LateralSurface {
     /// As many rulings as go around at distances of at least `distance`, the first after the fraction `turn` of a
     /// step.
     pub(super) fn rulings(&self, distance: f64, turn: f64) -> Vec<Edge> {
-        let step = 2.0 * (distance / (2.0 * self.radius)).min(1.0).asin();
+        let step = 2.0 * asin((distance / (2.0 * self.radius)).min(1.0));
         let count = ((TAU / step) as usize).max(1);
         let ruling = |i: usize| {
-            let (sine, cosine) = (TAU * (i as f64 + turn) / count as f64).sin_cos();
+            let (sine, cosine) = sin_cos(TAU * (i as f64 + turn) / count as f64);
             let origin = [self.radius * (1.0 + cosine), self.radius * (1.0 + sine), 0.0];
             Edge { origin, axis: 2, length: self.height }
         };
@@ -156,7 +157,7 @@ impl Face {
             Self::Rectangle { .. } => true,
             Self::Disc { radius, .. } => {
                 let off = |a: usize| ((middle[a] - radius).abs() - half[a]).max(0.0);
-                off(0).hypot(off(1)) <= radius
+                hypot(off(0), off(1)) <= radius
             }
         }
     }

@@ -16,6 +16,7 @@ use super::shell::{Wall, walls};
 use super::size::Other;
 use super::sphere;
 use crate::arrays::{self, Each as _};
+use crate::elementary::hypot;
 use crate::export::Model;
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::{Vector, cross, dot, norm, scaled};
@@ -209,7 +210,7 @@ impl<'a> Bodies<'a> {
             return radius - polyhedron.reach_from_axis([radius; 2]).0;
         }
         let [x, y, _] = self.center(row);
-        radius - (x - radius).hypot(y - radius) - self.diameter(row) / 2.0
+        radius - hypot(x - radius, y - radius) - self.diameter(row) / 2.0
     }
 
     /// Square root of the surface over that of the sphere of equal volume: edges are longer by that in the mean.
@@ -331,7 +332,7 @@ impl<'a> Bodies<'a> {
         let per_radius = 2.0 / self.diameter(row);
         let (p, q) = (scaled(times_axes(p), per_radius), scaled(times_axes(q), per_radius));
         let (pp, pq, qq) = (dot(p, p), dot(p, q), dot(q, q));
-        let root = ((pp - qq) / 2.0).hypot(pq);
+        let root = hypot((pp - qq) / 2.0, pq);
         let (larger, smaller) = ((pp + qq) / 2.0 + root, (pp + qq) / 2.0 - root);
         Contact {
             bend: (uu * vv - uv * uv).max(0.0).sqrt() / 2.0,
@@ -355,7 +356,7 @@ impl PlacedPolyhedron<'_> {
         let mut farthest = (0.0, [1.0, 0.0, 0.0]);
         for vertex in self.vertices() {
             let (x, y) = (vertex.x - axis[0], vertex.y - axis[1]);
-            let distance = x.hypot(y);
+            let distance = hypot(x, y);
             if distance > farthest.0 {
                 farthest = (distance, [x / distance, y / distance, 0.0]);
             }

@@ -22,6 +22,7 @@ use super::{GRAINS_PER_LOOK, check, surface_mean_mm};
 use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::distance::DistanceRule;
+use crate::elementary::powf;
 use crate::export::{ExportError, go_on};
 use crate::plan::ClassPlan;
 use crate::request::Specimen;
@@ -206,10 +207,10 @@ fn sizes(classes: &[ClassPlan]) -> Vec<Size> {
     for class in classes.iter().filter(|class| class.grains > 0.0) {
         let ratio = (class.d_max_mm / class.d_min_mm).max(1.0);
         let diameters: [f64; SIZES_PER_CLASS] =
-            arrays::from_fn(|i| class.d_min_mm * ratio.powf((i as f64 + 0.5) / SIZES_PER_CLASS as f64));
+            arrays::from_fn(|i| class.d_min_mm * powf(ratio, (i as f64 + 0.5) / SIZES_PER_CLASS as f64));
         let mean_volume = class.volume_mm3 / class.grains;
         let mean_of = |power: f64| {
-            let weights = diameters.each(|d| (d / class.d_min_mm).powf(power));
+            let weights = diameters.each(|d| powf(d / class.d_min_mm, power));
             let volume: f64 = weights.iter().zip(diameters).map(|(w, d)| w * PI / 6.0 * d.powi(3)).sum();
             volume / weights.iter().sum::<f64>()
         };
@@ -218,7 +219,7 @@ fn sizes(classes: &[ClassPlan]) -> Vec<Size> {
             let middle = (low + high) / 2.0;
             if mean_of(middle) < mean_volume { low = middle } else { high = middle }
         }
-        let weights = diameters.each(|d| (d / class.d_min_mm).powf(low));
+        let weights = diameters.each(|d| powf(d / class.d_min_mm, low));
         let all: f64 = weights.iter().sum();
         found.extend(
             diameters

@@ -21,6 +21,7 @@ use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
 use super::surface::{Shape, Surface, cross, dot};
 use crate::arrays::{self, Each as _};
+use crate::elementary::{exp, ln};
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -181,9 +182,9 @@ impl<'a> Grains<'a> {
         let angular = self.angular(row, grain);
         let (template, d) = (grain.template, grain.shape.scale_mm);
         // Facets are those of all grains of a template with about the same edges over their diameters.
-        let step = (EDGE_STEPS * (angular.edge_mm / d).ln()).round();
+        let step = (EDGE_STEPS * ln(angular.edge_mm / d)).round();
         let is_rounded = template.rounding > 0.0 && 2.0 * template.rounding * d >= angular.floor_mm;
-        let edge = (step / EDGE_STEPS).exp();
+        let edge = exp(step / EDGE_STEPS);
         let key = (grain.number, step as i64, is_rounded);
         let all_facets = || self.all_facets.lock().unwrap_or_else(PoisonError::into_inner);
         let shared = self.facets.entry(key).or_insert_with(|| all_facets().entry(key).or_default().clone());

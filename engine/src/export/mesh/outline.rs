@@ -5,6 +5,7 @@
 use std::collections::HashMap;
 
 use super::shell::Shell;
+use crate::elementary::atan2;
 
 /// A curve where two faces meet.
 #[derive(Debug)]
@@ -75,7 +76,7 @@ fn chain(shell: &Shell, mut vertices: Vec<u32>) -> Vec<u32> {
     };
     let turn = |vertex: u32| {
         let [x, y, _] = point(vertex);
-        let angle = (y - axis[1]).atan2(x - axis[0]);
+        let angle = atan2(y - axis[1], x - axis[0]);
         if angle < 0.0 { angle + std::f64::consts::TAU } else { angle }
     };
     vertices.sort_by(|&a, &b| turn(a).total_cmp(&turn(b)));

@@ -17,6 +17,7 @@ use super::rounded::Facets;
 use super::size::Facing;
 use super::surface::{Shape, Surface, cross, distance2, dot, make_more_than_half_a_turn};
 use crate::arrays::Each as _;
+use crate::elementary::{atan2, cbrt};
 use crate::gap::linear::{Vector, minus, norm, scaled, sum};
 use crate::geometry::convex::directed_edges;
 use crate::shape::Pose;
@@ -171,7 +172,7 @@ impl Angular<'_> {
             Some(target) => {
                 let room = |vertex: &Vector| self.room(scaled(*vertex, inscribed)) / norm(*vertex);
                 let most = inscribed + placed.vertices.iter().map(room).fold(f64::INFINITY, f64::min);
-                let wanted = libm::cbrt(target / volume_mm3);
+                let wanted = cbrt(target / volume_mm3);
                 (wanted.min(most), wanted <= most)
             }
         }
@@ -261,7 +262,7 @@ impl Patches<'_> {
                 let area = dot(normal, normal).sqrt();
                 // Corners on the line of the edge make no triangle.
                 let height = area / norm(minus(q, p));
-                if height > self.flat { area.atan2(dot(u, v)) } else { -1.0 }
+                if height > self.flat { atan2(area, dot(u, v)) } else { -1.0 }
             };
             let apex = (1..n - 1).max_by(|&i, &j| angle(i).total_cmp(&angle(j))).unwrap_or(1);
             triangles.push([corners[0], corners[apex], corners[n - 1]]);

@@ -11,6 +11,7 @@ use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, make_more_than_half_a_turn};
 use crate::arrays::{self, Each as _};
+use crate::elementary::{cos, hypot, sin, sin_cos};
 use crate::request::Specimen;
 
 /// The meshed surface of a specimen.
@@ -123,7 +124,7 @@ impl Shape for Growing<'_> {
         match self.lateral {
             Some((axis, radius)) if common & SIDE != 0 => {
                 let (x, y) = (middle[0] - axis[0], middle[1] - axis[1]);
-                let out = radius / x.hypot(y);
+                let out = radius / hypot(x, y);
                 [axis[0] + out * x, axis[1] + out * y, middle[2]]
             }
             _ => middle,
@@ -205,7 +206,7 @@ pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
         Specimen::Cylinder { diameter_mm, height_mm } => {
             let radius = diameter_mm / 2.0;
             let (x, y) = (p[0] - radius, p[1] - radius);
-            let from_axis = x.hypot(y);
+            let from_axis = hypot(x, y);
             // A grain on the axis is as near to the lateral surface all around.
             let (x, y) = if from_axis > 0.0 { (x / from_axis, y / from_axis) } else { (1.0, 0.0) };
             let foot = [radius + radius * x, radius + radius * y, p[2]];
@@ -243,8 +244,8 @@ fn side_gap_mm(radius: f64, bodies: &Bodies<'_>) -> f64 {
 /// of the circle, and no chord comes closer to a grain than half of what lay between.
 fn vertex_radius(radius: f64, columns: f64, gap_mm: f64) -> f64 {
     let angle = TAU / columns;
-    let of_equal_area = radius * (angle / angle.sin()).sqrt();
-    let clear = (radius - (gap_mm / 2.0).max(0.0)) / (angle / 2.0).cos();
+    let of_equal_area = radius * (angle / sin(angle)).sqrt();
+    let clear = (radius - (gap_mm / 2.0).max(0.0)) / cos(angle / 2.0);
     of_equal_area.max(clear)
 }
 
@@ -296,7 +297,7 @@ fn cylinder(axis: [f64; 2], radius: f64, height: f64, rings: usize, rows: usize)
     let (mut points, mut triangles, mut faces_of) = (Vec::new(), Vec::new(), Vec::new());
     let columns = 6 * rings;
     let mut point = |from_axis: f64, turn: f64, z: f64, faces: u8| {
-        let (sin, cos) = (TAU * turn).sin_cos();
+        let (sin, cos) = sin_cos(TAU * turn);
         points.push([axis[0] + from_axis * cos, axis[1] + from_axis * sin, z]);
         faces_of.push(faces);
         faces_of.len() as u32 - 1

@@ -6,6 +6,7 @@
 
 use super::surface::{distance2, dot};
 use crate::arrays::{self, Each as _};
+use crate::elementary::hypot;
 use crate::geometry::convex::{Convex, Place};
 
 /// Most steps to the distance of an ellipsoid, which few of them find to rounding.
@@ -58,7 +59,7 @@ impl Other<'_> {
                 place.scale * template.distance(&place.local(&p.into())).max(0.0)
             }
             Self::Plane(axis, at) => (p[axis] - at).abs(),
-            Self::Lateral { axis, radius } => radius - (p[0] - axis[0]).hypot(p[1] - axis[1]),
+            Self::Lateral { axis, radius } => radius - hypot(p[0] - axis[0], p[1] - axis[1]),
         }
     }
 }

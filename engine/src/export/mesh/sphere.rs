@@ -9,6 +9,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::surface::{Surface, cross, distance2, dot};
 use crate::arrays::Each as _;
+use crate::elementary::sin_cos;
 
 /// Segments of a great circle of a polyhedron with `T = 1`. A polyhedron of `20 T` equal triangles on the unit sphere
 /// has edges of `sqrt(4 pi / (5 sqrt(3) T))`, that is `1.2046 / sqrt(T)`.
@@ -205,9 +206,9 @@ fn icosahedron() -> [[f64; 3]; 12] {
 
 /// Turned about z and then x, by angles that bring the middles of faces near the axes and no vertex onto one.
 fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
-    let (sin, cos) = 0.35_f64.sin_cos();
+    let (sin, cos) = sin_cos(0.35);
     let (x, y) = (cos * x - sin * y, sin * x + cos * y);
-    let (sin, cos) = 0.60_f64.sin_cos();
+    let (sin, cos) = sin_cos(0.60);
     [x, cos * y - sin * z, sin * y + cos * z]
 }
 

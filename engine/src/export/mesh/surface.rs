@@ -11,6 +11,7 @@
 use std::f64::consts::PI;
 
 use crate::arrays::{self, Each as _};
+use crate::elementary::atan2;
 
 /// Where new vertices go, how long edges may be, and which of two diagonals is the right one.
 pub(super) trait Shape {
@@ -235,7 +236,7 @@ pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2
     }
     let angle = |[p, q]: [[f64; 3]; 2], cosine: f64| {
         let normal = cross(p, q);
-        dot(normal, normal).sqrt().atan2(cosine)
+        atan2(dot(normal, normal).sqrt(), cosine)
     };
     angle(one, cosine) + angle(other, opposite) > PI + 1e-9
 }

@@ -4,6 +4,7 @@ use super::raster::Image;
 use super::scene::{Vector, View, arc, azimuth_of_eye};
 use super::shade::Color;
 use crate::arrays::Each as _;
+use crate::elementary::{cos, hypot, log10, powf, sin};
 use crate::request::Specimen;
 
 /// Width of the edges in pixels of a picture of 1600.
@@ -78,14 +79,14 @@ fn distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let (along, to) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let length2 = along[0] * along[0] + along[1] * along[1];
     let t = if length2 > 0.0 { (to[0] * along[0] + to[1] * along[1]) / length2 } else { 0.0 }.clamp(0.0, 1.0);
-    (to[0] - t * along[0]).hypot(to[1] - t * along[1])
+    hypot(to[0] - t * along[0], to[1] - t * along[1])
 }
 
 /// Draws a bar of a round length and the length, in the lower left corner, which the specimen leaves free.
 pub(super) fn scale_bar(image: &mut Image, view: &View) {
     let [width, height] = view.pixels.each(f64::from);
     let room_mm = 0.2 * width / view.pixels_per_mm;
-    let magnitude = 10_f64.powf(room_mm.log10().floor());
+    let magnitude = powf(10.0, log10(room_mm).floor());
     let factor = [5.0, 2.0, 1.0].into_iter().find(|factor| factor * magnitude <= room_mm).unwrap_or(1.0);
     let length_mm = factor * magnitude;
     let unit = view.stroke();
@@ -115,7 +116,7 @@ fn glyph(character: char) -> (Vec<Vec<[f64; 2]>>, f64) {
         (0..=24)
             .map(|i| {
                 let angle = (from + (to - from) * f64::from(i) / 24.0).to_radians();
-                [cx + rx * angle.cos(), cy + ry * angle.sin()]
+                [cx + rx * cos(angle), cy + ry * sin(angle)]
             })
             .collect()
     };

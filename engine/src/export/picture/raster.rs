@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use super::scene::{Hit, Scene, View};
 use super::shade::{self, Color};
 use crate::arrays::{self, Each as _};
+use crate::elementary::powf;
 use crate::export::ExportError;
 use crate::threads::share;
 
@@ -37,7 +38,7 @@ impl Image {
                 let coded = if linear <= 0.003_130_8 {
                     12.92 * linear
                 } else {
-                    1.055 * linear.powf(1.0 / 2.4) - 0.055
+                    1.055 * powf(linear, 1.0 / 2.4) - 0.055
                 };
                 (255.0 * coded).round() as u8
             })

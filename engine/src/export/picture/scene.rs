@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::arrays::{self, Each as _};
+use crate::elementary::{atan2, cbrt, cos, hypot, sin};
 use crate::export::Model;
 use crate::export::solids::{Sectioned, quadratic};
 use crate::geometry::convex::{Convex, Place};
@@ -55,7 +56,7 @@ impl View {
         let middle = size / 2.0;
         let half: [f64; 2] = [right, up].each(|axis| match *specimen {
             Specimen::Box { .. } => axis.abs().dot(&middle),
-            Specimen::Cylinder { .. } => middle.x * axis.x.hypot(axis.y) + middle.z * axis.z.abs(),
+            Specimen::Cylinder { .. } => middle.x * hypot(axis.x, axis.y) + middle.z * axis.z.abs(),
         });
         // Room for half the stroke of the edges.
         let margin = f64::from(pixels_long) / 400.0;
@@ -413,7 +414,7 @@ struct SceneGrid {
 
 impl SceneGrid {
     fn new(grains: Vec<Grain>, size: Vector) -> Self {
-        let wanted = libm::cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
+        let wanted = cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
         let cells: [usize; 3] =
             arrays::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
         let edge = Vector::from_fn(|a, _| size[a] / cells[a] as f64);
@@ -530,12 +531,12 @@ pub(super) fn arc(specimen: &Specimen, z: f64, from: f64, to: f64) -> Vec<Vector
     (0..=points)
         .map(|i| {
             let angle = PI / 4.0 * (from + (to - from) * f64::from(i) / f64::from(points));
-            Vector::new(radius + radius * angle.cos(), radius + radius * angle.sin(), z)
+            Vector::new(radius + radius * cos(angle), radius + radius * sin(angle), z)
         })
         .collect()
 }
 
 /// The azimuth of the eye, in turns of 45 degrees.
 pub(super) fn azimuth_of_eye() -> f64 {
-    TOWARDS_EYE[1].atan2(TOWARDS_EYE[0]) / (PI / 4.0)
+    atan2(TOWARDS_EYE[1], TOWARDS_EYE[0]) / (PI / 4.0)
 }

@@ -2,6 +2,7 @@
 
 use super::scene::{Hit, Scene, Vector, View};
 use crate::arrays::{self, Each as _};
+use crate::elementary::{exp, ln};
 
 /// A linear colour.
 pub(super) type Color = [f32; 3];
@@ -35,14 +36,14 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
             let shine = 0.10 * normal.dot(&halfway).max(0.0).powi(40);
             let lit = scaled(tone(scene, grain), light(&normal) * open).each(|c| c + shine * open);
             let deep = scaled(DEPTH, light(&scene.normal(&(at + view.eye * depth))));
-            mixed(deep, lit, (-depth / scene.fade).exp())
+            mixed(deep, lit, exp(-depth / scene.fade))
         }
         Hit::Cut { axis, at, grain } => {
             let normal = if axis == 1 { -Vector::y() } else { unit(axis) };
             let flat = flat(scene, view, &at, &normal, grain);
             // The other planes of the cut stand before a part of the sky.
             let reach = scene.fade * 2.0;
-            scaled(flat, light(&normal) * (1.0 - 0.38 * (-scene.to_corner(axis, &at) / reach).exp()))
+            scaled(flat, light(&normal) * (1.0 - 0.38 * exp(-scene.to_corner(axis, &at) / reach)))
         }
         Hit::Face { axis, at, grain } => {
             let normal = if axis == 1 { -Vector::y() } else { unit(axis) };
@@ -65,7 +66,7 @@ fn tone(scene: &Scene, grain: u32) -> [f64; 3] {
     let sphere = scene.grain(grain);
     let [low, high] = scene.diameters;
     let along =
-        if high > low { (2.0 * sphere.radius / low).ln() / (high / low).ln() } else { 0.25 }.clamp(0.0, 1.0);
+        if high > low { ln(2.0 * sphere.radius / low) / ln(high / low) } else { 0.25 }.clamp(0.0, 1.0);
     let at = along * (GRAINS.len() - 1) as f64;
     let below = (at as usize).min(GRAINS.len() - 2);
     let base = mixed(GRAINS[below], GRAINS[below + 1], at - below as f64);

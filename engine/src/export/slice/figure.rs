@@ -12,6 +12,7 @@ use nalgebra::Matrix3;
 
 use super::{Polygon, overlap};
 use crate::arrays::Each as _;
+use crate::elementary::{atan2, hypot};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
 
@@ -62,13 +63,13 @@ impl Ellipse {
         let center = [u, v].each(|axis| shape[(axis, w)] / shape[(w, w)] * height);
         let (uu, uv, vv) = (inverse[(u, u)], inverse[(u, v)], inverse[(v, v)]);
         let half = (uu - vv) / 2.0;
-        let root = half.hypot(uv);
+        let root = hypot(half, uv);
         let larger = (uu + vv) / 2.0 + root;
         // By the determinant, which does not cancel as the difference would.
         let smaller = (uu * vv - uv * uv) / larger;
         // The eigenvector of the smaller one, by the column that does not cancel.
         let long = if half >= 0.0 { [-uv, half + root] } else { [root - half, -uv] };
-        let length = long[0].hypot(long[1]);
+        let length = hypot(long[0], long[1]);
         let long = if length > 0.0 { long.each(|x| x / length) } else { [1.0, 0.0] };
         Some((center, Self { semi_axes_mm: [smaller, larger].each(|e| (scale / e).sqrt()), long }))
     }
@@ -76,7 +77,7 @@ impl Ellipse {
     /// Angle of the long axis from u towards v in degrees, greater than -90 and at most 90.
     pub fn angle_deg(&self) -> f64 {
         let [u, v] = self.long;
-        let angle = v.atan2(u).to_degrees();
+        let angle = atan2(v, u).to_degrees();
         let turned = if angle > 90.0 {
             angle - 180.0
         } else if angle <= -90.0 {
@@ -159,7 +160,9 @@ impl Figure {
         match self {
             Self::Circle { radius_mm } => *radius_mm,
             Self::Ellipse(Ellipse { semi_axes_mm: [a, _], .. }) => *a,
-            Self::Polygon(polygon) => polygon.corners_mm.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max),
+            Self::Polygon(polygon) => {
+                polygon.corners_mm.iter().map(|p| hypot(p[0], p[1])).fold(0.0, f64::max)
+            }
         }
     }
 
@@ -183,7 +186,7 @@ impl Figure {
         match self {
             Self::Circle { radius_mm } => {
                 let outside = |x: f64, [low, high]: [f64; 2]| (low - x).max(x - high).max(0.0);
-                outside(center[0], u).hypot(outside(center[1], v)) < *radius_mm
+                hypot(outside(center[0], u), outside(center[1], v)) < *radius_mm
             }
             Self::Ellipse(ellipse) => overlap::meets_polygon(&ellipse.corners_on_disc(center, u, v)),
             Self::Polygon(polygon) => polygon.area_in(center, u, v) > 0.0,

@@ -13,6 +13,7 @@ use std::io::{self, Write};
 
 use super::{Cut, Figure, Outline, Section};
 use crate::arrays::Each as _;
+use crate::elementary::{atan2, hypot};
 use crate::gap::ellipsoids::Body;
 use crate::request::GrainKind;
 
@@ -145,7 +146,7 @@ fn surface(
         }
         (Figure::Ellipse(ellipse), _) => {
             let ([a, b], [c, s]) = (ellipse.semi_axes_mm, ellipse.long);
-            let (ratio, angle) = (b / a, s.atan2(c));
+            let (ratio, angle) = (b / a, atan2(s, c));
             writeln!(
                 out,
                 "s = {surface}; r = {a}; ratio = {ratio}; t = {angle}; u = {u}; v = {v}; most = {most}; Call Polygon;"
@@ -270,7 +271,7 @@ fn most_radii(cut: &Cut) -> Vec<f64> {
             if u > reach {
                 break;
             }
-            let gap = gap_mm(one, other, u.hypot(v)).max(0.0);
+            let gap = gap_mm(one, other, hypot(u, v)).max(0.0);
             most[i] = most[i].min(radius(i) + gap / 4.0);
             most[j] = most[j].min(radius(j) + gap / 4.0);
         }
@@ -320,7 +321,7 @@ fn to_edges(cut: &Cut, section: &Section) -> f64 {
             (to(center[0], u_mm) - half_u).min(to(center[1], v_mm) - half_v)
         }
         (Outline::Disc { center_mm, radius_mm }, Figure::Circle { .. }) => {
-            radius_mm - (center[0] - center_mm[0]).hypot(center[1] - center_mm[1]) - radius
+            radius_mm - hypot(center[0] - center_mm[0], center[1] - center_mm[1]) - radius
         }
         (Outline::Disc { center_mm, radius_mm }, Figure::Ellipse(_) | Figure::Polygon(_)) => {
             radius_mm - body(section).reach_from_axis_mm(center_mm)

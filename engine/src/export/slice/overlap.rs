@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::arrays::Each as _;
+use crate::elementary::{atan2, hypot};
 
 /// Area of the disc about the origin to the left of `x`.
 fn left_of(x: f64, radius: f64) -> f64 {
@@ -13,7 +14,7 @@ fn left_of(x: f64, radius: f64) -> f64 {
     } else {
         let half_chord = ((radius - x) * (radius + x)).sqrt();
         // The angle by both of its legs keeps its digits near the ends, where an arc sine loses them.
-        radius * radius * (PI / 2.0 + x.atan2(half_chord)) + x * half_chord
+        radius * radius * (PI / 2.0 + atan2(x, half_chord)) + x * half_chord
     }
 }
 
@@ -49,7 +50,7 @@ pub(super) fn with_polygon(corners: &[[f64; 2]]) -> f64 {
 /// Twice the signed area that the unit disc shares with the triangle of the origin, p and q.
 fn edge(p: [f64; 2], q: [f64; 2]) -> f64 {
     let d = [q[0] - p[0], q[1] - p[1]];
-    let sector = |a: [f64; 2], b: [f64; 2]| cross(a, b).atan2(a[0] * b[0] + a[1] * b[1]);
+    let sector = |a: [f64; 2], b: [f64; 2]| atan2(cross(a, b), a[0] * b[0] + a[1] * b[1]);
     let length2 = d[0] * d[0] + d[1] * d[1];
     // The square of half the chord, times that of the length of the edge.
     let chord2 = length2 - cross(p, d) * cross(p, d);
@@ -78,7 +79,7 @@ pub(super) fn meets_polygon(corners: &[[f64; 2]]) -> bool {
             let length2 = d[0] * d[0] + d[1] * d[1];
             let t =
                 if length2 > 0.0 { (-(p[0] * d[0] + p[1] * d[1]) / length2).clamp(0.0, 1.0) } else { 0.0 };
-            (p[0] + t * d[0]).hypot(p[1] + t * d[1]) < 1.0
+            hypot(p[0] + t * d[0], p[1] + t * d[1]) < 1.0
         })
 }
 

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 
 use super::figure::Span;
 use crate::arrays::Each as _;
+use crate::elementary::{acos, atan2, cos, hypot, sin, sin_cos};
 use crate::geometry::convex::{Convex, Place, directed_edges};
 
 /// How far the boundary of a rounded grain may lie outside of the polygon, in equivalent diameters.
@@ -129,7 +130,7 @@ impl Plane<'_> {
         let middle = self.inside()?;
         let mut points = Vec::new();
         for turn in 0..4 {
-            let (sin, cos) = (f64::from(turn) * FRAC_PI_4).sin_cos();
+            let (sin, cos) = sin_cos(f64::from(turn) * FRAC_PI_4);
             if let Some(ends) = self.chord(middle, [cos, sin]) {
                 points.extend(ends.each(|t| [middle[0] + t * cos, middle[1] + t * sin]));
             }
@@ -147,13 +148,13 @@ impl Plane<'_> {
                 let center = self.seen(&template.vertices[vertex as usize]);
                 let (from, to) = (self.seen(&(m * r)), self.seen(&(side * r)));
                 // center + from cos t + to sin t at the height of the plane
-                let reach = from[2].hypot(to[2]);
+                let reach = hypot(from[2], to[2]);
                 let cosine = (self.height - center[2]) / reach;
                 if cosine.abs() < 1.0 {
-                    let (first, half) = (to[2].atan2(from[2]), cosine.acos());
+                    let (first, half) = (atan2(to[2], from[2]), acos(cosine));
                     for t in [first - half, first + half].each(|t| t.rem_euclid(TAU)) {
                         if t < edge.angle {
-                            points.push([0, 1].each(|a| center[a] + from[a] * t.cos() + to[a] * t.sin()));
+                            points.push([0, 1].each(|a| center[a] + from[a] * cos(t) + to[a] * sin(t)));
                         }
                     }
                 }
@@ -190,7 +191,7 @@ impl Plane<'_> {
     }
 
     fn refine(&self, p: [f64; 2], q: [f64; 2], halvings: u32, all: &mut Vec<[f64; 2]>) {
-        let length = (q[0] - p[0]).hypot(q[1] - p[1]);
+        let length = hypot(q[0] - p[0], q[1] - p[1]);
         let out = [(q[1] - p[1]) / length, (p[0] - q[0]) / length];
         let middle = [0, 1].each(|axis| f64::midpoint(p[axis], q[axis]));
         let rise = self.chord(middle, out).map_or(0.0, |[_, leave]| leave);
@@ -207,9 +208,9 @@ impl Plane<'_> {
 fn sorted(mut corners: Vec<[f64; 2]>, same: f64) -> Option<Vec<[f64; 2]>> {
     let n = corners.len() as f64;
     let middle = [0, 1].each(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / n);
-    let angle = |p: &[f64; 2]| (p[1] - middle[1]).atan2(p[0] - middle[0]);
+    let angle = |p: &[f64; 2]| atan2(p[1] - middle[1], p[0] - middle[0]);
     corners.sort_by(|p, q| angle(p).total_cmp(&angle(q)));
-    let is_same = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).hypot(p[1] - q[1]) <= same;
+    let is_same = |p: &[f64; 2], q: &[f64; 2]| hypot(p[0] - q[0], p[1] - q[1]) <= same;
     corners.dedup_by(|p, q| is_same(p, q));
     while corners.len() > 1 && corners.first().zip(corners.last()).is_some_and(|(p, q)| is_same(p, q)) {
         corners.pop();

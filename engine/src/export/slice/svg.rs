@@ -4,13 +4,14 @@ use std::io::{self, Write};
 
 use super::{Cut, Figure, Outline, SliceReport};
 use crate::arrays::Each as _;
+use crate::elementary::{log10, powf};
 
 pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     let (width, height) = (u1 - u0, v1 - v0);
     let long = width.max(height);
     // A millionth of the longer edge is finer than any printer.
-    let decimals = (5.0 - long.log10().floor()).clamp(0.0, 12.0) as usize;
+    let decimals = (5.0 - log10(long).floor()).clamp(0.0, 12.0) as usize;
     // So wide a text fits between the scale bar and the right edge of any cut.
     let (margin, font, line) = (0.03 * long, 0.035 * width, 0.003 * long);
     let bar = scale_bar(width);
@@ -96,7 +97,7 @@ pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io:
 /// The largest of 1, 2, 5 times a power of ten that is at most a fifth of the width.
 fn scale_bar(width: f64) -> f64 {
     let most = width / 5.0;
-    let power = 10_f64.powf(most.log10().floor());
+    let power = powf(10.0, log10(most).floor());
     // Divided rather than multiplied below 1, so that the label has no digits of rounding.
     let times =
         |factor: f64| if power < 1.0 { factor / (1.0 / power).round() } else { factor * power.round() };

@@ -13,6 +13,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Vector3};
 
+use crate::elementary::atan2;
 use crate::packing::Solids;
 use crate::shape::{Polyhedron, Pose};
 pub(crate) use skin::{Skin, SkinPoint};
@@ -93,7 +94,7 @@ impl Convex {
                     faces: [face, other],
                     axis: along.normalize(),
                     length: along.norm(),
-                    angle: m.cross(&n).norm().atan2(m.dot(&n)),
+                    angle: atan2(m.cross(&n).norm(), m.dot(&n)),
                 })
             });
         let edges = both.collect();

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::{Convex, ConvexEdge};
 use crate::arrays::Each as _;
+use crate::elementary::{atan2, sin};
 
 /// A point of a skin: a vertex of the core, and the unit normal along which it is moved by the radius of rounding.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +85,7 @@ impl Skin {
         let mut arc = vec![first];
         for part in 1..parts as u32 {
             let turned = edge.angle * f64::from(part) / parts;
-            let normal = m * (edge.angle - turned).sin() + n * turned.sin();
+            let normal = m * sin(edge.angle - turned) + n * sin(turned);
             arc.push(self.point(vertex, normal.normalize()));
         }
         arc.push(second);
@@ -122,7 +123,7 @@ impl Skin {
         }
         let normals: Vec<Vector3<f64>> = around.iter().map(|&p| self.points[p as usize].normal).collect();
         let middle = normals.iter().sum::<Vector3<f64>>().normalize();
-        let widest = normals.iter().map(|n| middle.cross(n).norm().atan2(middle.dot(n))).fold(0.0, f64::max);
+        let widest = normals.iter().map(|n| atan2(middle.cross(n).norm(), middle.dot(n))).fold(0.0, f64::max);
         let rings = (widest / most_angle - 1e-9).ceil().max(1.0) as u32;
         if around.len() == 3 && rings == 1 {
             self.polygons.push((part, around));

@@ -9,6 +9,7 @@
 
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::elementary::{hypot, log10};
 use crate::request::Specimen;
 
 /// More grains than this do not fit exactly by chance, and all of their pairs are looked at.
@@ -113,7 +114,7 @@ impl<'a> Constraints<'a> {
             Specimen::Cylinder { diameter_mm, .. } => {
                 let axis = diameter_mm / 2.0;
                 let (x, y) = (p[0] - axis, p[1] - axis);
-                let (far, most) = (x.hypot(y), (axis - wall).max(0.0));
+                let (far, most) = (hypot(x, y), (axis - wall).max(0.0));
                 let share = if far > most { most / far } else { 1.0 };
                 [axis + share * x, axis + share * y, between(2)]
             }
@@ -122,7 +123,7 @@ impl<'a> Constraints<'a> {
 
     fn rounded(&self, centers: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let longest = self.bounds_mm.into_iter().fold(0.0, f64::max);
-        let per_mm = 10.0_f64.powi(DIGITS - longest.log10().floor() as i32);
+        let per_mm = 10.0_f64.powi(DIGITS - log10(longest).floor() as i32);
         let rounded = |p: &[f64; 3]| p.each(|x| (x * per_mm).round() / per_mm);
         centers.iter().zip(&self.wall_mm).map(|(p, &wall)| self.inside(rounded(p), wall)).collect()
     }

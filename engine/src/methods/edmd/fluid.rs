@@ -11,6 +11,7 @@ use super::system::System;
 use crate::arrays;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
+use crate::elementary::cbrt;
 use crate::memory::OutOfMemory;
 use crate::methods::rsa::Rsa;
 use crate::request::{Boundary, Distance, Specimen};
@@ -52,9 +53,9 @@ impl Fluid {
     /// When there is no sphere, the volume fraction can't be reached, or the system refuses memory.
     pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
         assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
-        let edge = libm::cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
+        let edge = cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
         let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
-        let mut scale = libm::cbrt(START_FRACTION / volume_fraction).min(1.0);
+        let mut scale = cbrt(START_FRACTION / volume_fraction).min(1.0);
         let placing = Rsa {
             diameters_mm: &vec![scale; spheres],
             specimen: &specimen,

@@ -8,6 +8,7 @@
 use super::container::{Container, HOME, image_code};
 use crate::arrays::{self, Each as _};
 use crate::cpu::prefetch;
+use crate::elementary::{cbrt, log2};
 use crate::memory::{OutOfMemory, refill};
 
 const NIL: u32 = u32::MAX;
@@ -99,7 +100,7 @@ impl Grid {
         top_mm: f64,
         cutoffs: impl Iterator<Item = f64>,
     ) -> Result<(), OutOfMemory> {
-        let count = ((top_mm / least_mm).log2().floor().max(0.0) as usize + 1).min(40);
+        let count = (log2(top_mm / least_mm).floor().max(0.0) as usize + 1).min(40);
         let size = container.bounds_mm();
         self.top_mm = top_mm;
         self.levels.clear();
@@ -122,7 +123,7 @@ impl Grid {
         let volume = size[0] * size[1] * size[2];
         for level in &mut self.levels {
             let most_cells = (CELLS_PER_GRAIN * f64::from(level.grains)).max(LEAST_CELLS);
-            let edge = (EDGE * level.cutoff_mm).max(libm::cbrt(volume / most_cells));
+            let edge = (EDGE * level.cutoff_mm).max(cbrt(volume / most_cells));
             level.cells = size.each(|length| ((length / edge).floor() as i32).max(1));
             level.per_edge = arrays::from_fn(|a| f64::from(level.cells[a]) / size[a]);
             level.edge = arrays::from_fn(|a| size[a] / f64::from(level.cells[a]));

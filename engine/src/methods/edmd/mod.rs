@@ -47,6 +47,7 @@ pub use fluid::{Fluid, FluidFigures};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
+use crate::elementary::cbrt;
 use crate::memory::{self, OutOfMemory, collected};
 use crate::methods::rsa::{self, Rsa};
 use crate::mix::sphere_volume;
@@ -240,7 +241,7 @@ impl Edmd<'_> {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
             None if maximize && fraction <= quickly => BEYOND_TARGET,
-            None => libm::cbrt(quickly / fraction).min(MOST_START),
+            None => cbrt(quickly / fraction).min(MOST_START),
         };
         let mut statistics = RsaStatistics::default();
         let share = start_share(&self.expected, CYCLE_EVENTS_PER_GRAIN as f64);

@@ -9,6 +9,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::system::{System, unpack};
 use crate::arrays;
+use crate::elementary::ln;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::rng::uniform;
@@ -62,7 +63,7 @@ fn try_pairs(
         let (i, j) = (pairs.site(larger), pairs.site(smaller));
         let places = [system.hot[i].position, system.hot[j].position];
         let wanted = preference.is_none_or(|preference| {
-            uniform(rng).ln() <= preference.log_acceptance_ratio([larger, smaller], places)
+            ln(uniform(rng)) <= preference.log_acceptance_ratio([larger, smaller], places)
         });
         if wanted && swap(system, i, j) {
             pairs.exchange([larger, smaller]);

@@ -9,6 +9,7 @@
 use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack, unpack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
 use crate::arrays::Each as _;
+use crate::elementary::{cbrt, hypot, ln};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 use crate::memory::{OutOfMemory, push, refill};
@@ -81,7 +82,7 @@ impl Lists {
             largest = largest.max(*reach);
         }
         // Gaps of pairs may exceed the mean of the gaps to grains of their own size by this, of no rule that there is.
-        let level = |reach: f64| ((largest / reach).ln() / LEVEL_RATIO.ln()) as u8;
+        let level = |reach: f64| (ln(largest / reach) / ln(LEVEL_RATIO)) as u8;
         let mut tops = Vec::new();
         for (level_of, &reach) in self.level_of.iter_mut().zip(&self.reach) {
             *level_of = level(reach);
@@ -94,7 +95,7 @@ impl Lists {
         self.levels.resize_with(tops.len(), Level::default);
         let bounds = system.container.bounds().each(|length| length * system.stretch);
         for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
-            let sparse = libm::cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
+            let sparse = cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
             let width = reach.max(sparse);
             level.reach = reach;
             level.counts = bounds.each(|length| ((length / width) as usize).max(1));
@@ -331,7 +332,7 @@ fn is_special(
     let is_near_lateral = match system.container {
         Container::Cylinder { radius, .. } => {
             let axis = radius * system.stretch;
-            let far = (hot.center[0] - axis).hypot(hot.center[1] - axis);
+            let far = hypot(hot.center[0] - axis, hot.center[1] - axis);
             far + (cold.shape.outer_mm() + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
         }
         _ => false,

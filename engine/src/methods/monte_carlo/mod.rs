@@ -29,6 +29,7 @@ use std::time::Instant;
 
 use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
+use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{OutOfMemory, reserved};
 use crate::methods::rsa;
@@ -226,7 +227,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.specimen.volume_mm3();
         let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
         let start = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
-        let mut scale = self.initial_scale.unwrap_or(libm::cbrt(start / fraction).min(most));
+        let mut scale = self.initial_scale.unwrap_or(cbrt(start / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
         let mut statistics = RsaStatistics::default();
         let control = Part::new(control, 0.0, START_SHARE);

@@ -10,6 +10,7 @@ use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpac
 use super::system::{Hot, System, rotation, turned};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
+use crate::elementary::hypot;
 use crate::gap::grain::{ConvexShape, Orientation, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
 use crate::memory::{OutOfMemory, refill};
@@ -248,7 +249,7 @@ impl Pusher {
                 if slack < 0.0 {
                     let axis = system.container.bounds()[0] / 2.0 * system.stretch;
                     // In a wider cylinder the centre lies farther out in proportion, and the farthest point no more.
-                    let out = (hot.center[0] - axis).hypot(hot.center[1] - axis);
+                    let out = hypot(hot.center[0] - axis, hot.center[1] - axis);
                     visit(axis - out, axis - out - slack);
                 }
             }

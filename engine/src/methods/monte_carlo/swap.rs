@@ -11,6 +11,7 @@ use super::shake::{Pending, fits};
 use super::system::{Hot, System, rotation};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
+use crate::elementary::ln;
 use crate::gap::grain::ConvexShape;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
@@ -98,7 +99,7 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
                 let ranks = [larger, smaller].each(|place| families.rank(place));
                 // The specimen is larger than requested by the stretch while the grains have their size.
                 let centers = sites.each(|site| system.hot[site].center.each(|x| x / system.stretch));
-                uniform(rng).ln() <= preference.log_acceptance_ratio(ranks, centers)
+                ln(uniform(rng)) <= preference.log_acceptance_ratio(ranks, centers)
             });
             if is_preferred && swap(set, system, sites[0], sites[1]) {
                 pairs.exchange([larger, smaller]);

@@ -17,7 +17,7 @@ const BOX: Specimen = Specimen::Box { size_mm: [30.0, 25.0, 20.0], boundary: Bou
 
 /// Ellipsoids of diameters from `d_max` to a quarter of it, with axis ratios, that fill this share of a specimen.
 fn shapes(specimen: &Specimen, fraction: f64, d_max: f64, ratios: [f64; 3]) -> Vec<Ellipsoid> {
-    let unit = libm::cbrt(ratios.iter().product::<f64>());
+    let unit = cbrt(ratios.iter().product::<f64>());
     let of = |d: f64| Ellipsoid::new(ratios.map(|r| r / unit * d / 2.0)).unwrap();
     let wanted = fraction * specimen.volume_mm3();
     let count = (10..10_000).find(|count| {
@@ -89,7 +89,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
 #[test]
 fn a_dense_packing_of_broad_sizes_is_reached() {
     let specimen = Specimen::Box { size_mm: [30.0; 3], boundary: Boundary::Walls };
-    let unit = libm::cbrt(1.8_f64);
+    let unit = cbrt(1.8_f64);
     // As many by volume in each class.
     let mut shapes = Vec::new();
     for d in [8.0_f64, 6.0, 4.5, 3.4, 2.5, 1.9] {

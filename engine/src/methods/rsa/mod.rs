@@ -25,6 +25,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::control::{Control, Phase, Progress};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
+use crate::elementary::{cbrt, ln_1p};
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::choice::{Choice, MOST_DRAWS};
 use crate::packing::RsaStatistics;
@@ -247,7 +248,7 @@ impl Run<'_> {
         let d_least = rsa.diameters_mm[end - 1];
         let reach = rsa.rule.exclusion(d_least).placed_factor * d_least / 2.0 + part_least;
         // Few grains in much space need no fine grid.
-        let spacing = libm::cbrt(region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0));
+        let spacing = cbrt(region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0));
         let edge = (CELL_EDGE * reach).max(spacing);
         let should_stop = || self.control.should_stop();
         let periodic = rsa.specimen.is_periodic();
@@ -468,7 +469,7 @@ impl Search {
         };
         let p = drawn_from_cells / self.region_cells;
         if p < 1.0 {
-            let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
+            let unseen = ln_1p(-uniform(rng)) / ln_1p(-p);
             // Saturates where nearly nothing is left.
             self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
         } else if !inside {

@@ -349,7 +349,7 @@ fn equal_spheres(
     seed: u64,
     threads: usize,
 ) -> Vec<[f64; 3]> {
-    let edge = libm::cbrt(number as f64 * std::f64::consts::FRAC_PI_6 / fraction);
+    let edge = cbrt(number as f64 * std::f64::consts::FRAC_PI_6 / fraction);
     let specimen = cube(edge, Boundary::Periodic);
     let rsa = Rsa {
         diameters_mm: &vec![1.0; number],
@@ -406,7 +406,7 @@ fn pairs_within(centers: &[[f64; 3]], edge: f64, bounds: std::ops::Range<f64>) -
 #[test]
 fn points_drawn_ahead_have_the_law_of_points_drawn_one_by_one() {
     let (number, fraction) = (40_000, 0.3);
-    let edge = libm::cbrt(f64::from(number) * std::f64::consts::FRAC_PI_6 / fraction);
+    let edge = cbrt(f64::from(number) * std::f64::consts::FRAC_PI_6 / fraction);
     let shells = [1.0..1.1, 1.1..1.3, 1.9..2.0];
     let mean_pairs = |draws_ahead| {
         let mut means = [0.0; 3];

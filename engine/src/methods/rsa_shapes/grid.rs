@@ -6,6 +6,7 @@
 use super::Stage;
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, minus, sum};
 use crate::memory::{OutOfMemory, filled, make_room};
@@ -130,7 +131,7 @@ impl Grid {
     ) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
-        let edge_mm = wanted.max(libm::cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
+        let edge_mm = wanted.max(cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
         let counts = bounds_mm.each(|length| (length / edge_mm).round().max(1.0) as usize);
         let size = bounds_mm;
         let shifts = (0..IMAGES).map(|code| {

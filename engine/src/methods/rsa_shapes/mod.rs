@@ -30,6 +30,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::arrays;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
+use crate::elementary::ln_1p;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
@@ -432,7 +433,7 @@ impl Search {
         };
         let p = volume_mm3 / self.region_mm3;
         if p < 1.0 {
-            let unseen = (-uniform(rng)).ln_1p() / (-p).ln_1p();
+            let unseen = ln_1p(-uniform(rng)) / ln_1p(-p);
             self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
         } else if uniform(rng) * p >= 1.0 {
             return false;

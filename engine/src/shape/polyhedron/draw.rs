@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::{PlatonicSolid, Polyhedron, hull::intersection};
+use crate::elementary::{cbrt, ln};
 use crate::rng::uniform;
 use crate::shape::Form;
 
@@ -126,12 +127,12 @@ fn voronoi_cell(rng: &mut Xoshiro256PlusPlus) -> Option<Polyhedron> {
     let (mut volume, mut planes) = (0.0_f64, Vec::new());
     for _ in 0..ATTEMPTS {
         for _ in 0..SEEDS {
-            volume -= (1.0 - uniform(rng)).ln();
-            planes.push((direction(rng), libm::cbrt(volume) / 2.0));
+            volume -= ln(1.0 - uniform(rng));
+            planes.push((direction(rng), cbrt(volume) / 2.0));
         }
         let (vertices, faces) = intersection(&planes);
         let reach = vertices.iter().map(Vector3::norm).fold(0.0, f64::max);
-        if reach > 0.0 && reach <= libm::cbrt(volume) / 2.0 {
+        if reach > 0.0 && reach <= cbrt(volume) / 2.0 {
             return Polyhedron::centered(&vertices, faces);
         }
     }

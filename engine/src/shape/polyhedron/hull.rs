@@ -8,6 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
+use crate::elementary::atan2;
+
 /// Distance from a plane below which a point lies on it, over the largest distance from the origin.
 const ON_PLANE: f64 = 1.0e-9;
 
@@ -159,7 +161,7 @@ fn in_order(points: &[Vector3<f64>], mut members: Vec<u32>, normal: &Vector3<f64
     let at = |i: u32| points[i as usize];
     let center = members.iter().map(|&i| at(i)).sum::<Vector3<f64>>() / members.len() as f64;
     let [u, v] = across(normal);
-    let angle = |i: u32| (at(i) - center).dot(&v).atan2((at(i) - center).dot(&u));
+    let angle = |i: u32| atan2((at(i) - center).dot(&v), (at(i) - center).dot(&u));
     members.sort_by(|&i, &j| angle(i).total_cmp(&angle(j)));
     members
 }

@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::minimax::{Plane, least_maximum};
 use super::{Polyhedron, ScaledPolyhedron, edges_of};
+use crate::elementary::{atan2, cbrt};
 
 /// An edge between two faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +80,7 @@ impl Polyhedron {
         let both_sides = face_of.iter().filter(|([from, to], _)| from < to).filter_map(|(&ends, &face)| {
             let other = *face_of.get(&[ends[1], ends[0]])?;
             let (m, n) = (normals[face], normals[other]);
-            Some(Edge { ends, exterior_angle: m.cross(&n).norm().atan2(m.dot(&n)) })
+            Some(Edge { ends, exterior_angle: atan2(m.cross(&n).norm(), m.dot(&n)) })
         });
         both_sides.collect()
     }
@@ -142,7 +143,7 @@ impl Polyhedron {
     /// Diameter of the sphere of equal volume.
     #[must_use]
     pub fn equivalent_diameter(&self) -> f64 {
-        libm::cbrt(6.0 / PI * self.volume())
+        cbrt(6.0 / PI * self.volume())
     }
 
     /// Inertia tensor of the core about the origin, with a density of 1.

@@ -26,6 +26,7 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use super::Pose;
+use crate::elementary::cbrt;
 pub use draw::{DrawnTemplates, TemplateKind, draw_template};
 use hull::{hull, intersection};
 pub use measures::Edge;
@@ -258,7 +259,7 @@ impl Polyhedron {
         // The ratio of the radius to the equivalent diameter of the rounded body grows with the radius.
         let (mut low, mut high) = (0.0, share * size);
         let volume = self.core_parallel_volume();
-        let ratio = |radius: f64| radius / libm::cbrt(6.0 / PI * volume(radius));
+        let ratio = |radius: f64| radius / cbrt(6.0 / PI * volume(radius));
         while ratio(high) < share {
             high *= 2.0;
         }

@@ -14,6 +14,7 @@ use nalgebra::Vector3;
 
 use super::Polyhedron;
 use super::minimax::{Plane, least_maximum};
+use crate::elementary::{cos, sin};
 
 /// Directions whose widths are looked at; they lie about 0.1 rad apart.
 const DIRECTIONS: usize = 600;
@@ -186,5 +187,5 @@ fn direction(i: usize) -> Vector3<f64> {
     const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
     let z = (i as f64 + 0.5) / DIRECTIONS as f64;
     let (radius, angle) = ((1.0 - z * z).sqrt(), GOLDEN_ANGLE * i as f64);
-    Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
+    Vector3::new(radius * cos(angle), radius * sin(angle), z)
 }

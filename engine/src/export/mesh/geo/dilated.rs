@@ -12,6 +12,7 @@
 
 use std::f64::consts::PI;
 
+use crate::elementary::powf;
 use crate::shape::Ellipsoid;
 
 /// Fewest segments of the circle with the short semi-axis as its radius.
@@ -62,7 +63,7 @@ impl Dilated {
 
     /// Factor by which it is enlarged so that its polyhedron has its volume.
     pub(super) fn factor(&self) -> f64 {
-        (1.0 - self.lacking()).powf(-1.0 / 3.0)
+        powf(1.0 - self.lacking(), -1.0 / 3.0)
     }
 
     /// Edges that Gmsh is told to make, with the same number of segments, where it is enlarged by a factor.

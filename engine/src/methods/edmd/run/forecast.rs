@@ -16,6 +16,7 @@
 
 use std::collections::VecDeque;
 
+use crate::elementary::ln;
 use crate::methods::edmd::Expected;
 
 /// Work before the first event besides the random placing: the first lists and predictions.
@@ -109,7 +110,7 @@ impl Forecast {
         let total = events + left;
         let share = self.points.back().map_or(0.0, |last| last.share);
         let cycles_left = if share > 0.0 && share < 1.0 {
-            (left / cycle_events).max(-share.ln() / cycle_growth)
+            (left / cycle_events).max(-ln(share) / cycle_growth)
         } else {
             left / cycle_events
         };

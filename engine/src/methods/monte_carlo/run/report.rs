@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
 use crate::control::{Control, Growth, Phase, Progress};
+use crate::elementary::exp_m1;
 use crate::gap::grain::ConvexShape;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
 
@@ -42,7 +43,7 @@ impl Forecast {
     fn left(&self) -> Option<f64> {
         let (first, last) = (self.points.front()?, self.points.back()?);
         let per_work = (last[1] - first[1]) / (last[0] - first[0]);
-        (per_work > 0.0).then(|| WIDTH / per_work * ((1.0 - last[1]).max(0.0) / WIDTH).exp_m1())
+        (per_work > 0.0).then(|| WIDTH / per_work * exp_m1((1.0 - last[1]).max(0.0) / WIDTH))
     }
 }
 
