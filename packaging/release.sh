@@ -6,8 +6,8 @@
 #   BINARY=FILE STATIC_BINARY=FILE packaging/release.sh    takes binaries that are built, as a trial
 #
 # The version is that of Cargo.toml. Needs maturin and ziglang (pip install maturin ziglang auditwheel), cargo-about,
-# cargo-cyclonedx and cargo-deb (cargo install --locked), and what packaging/deb.sh needs. The image needs docker or
-# podman, and a registry with its base images.
+# cargo-cyclonedx and cargo-deb (cargo install --locked), rustup and musl-gcc (Debian: musl-tools), and what
+# packaging/deb.sh needs. The image needs docker or podman, and a registry with its base images.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# -le 1 ] || { echo "usage: $0 [FOLDER]" >&2; exit 2; }
@@ -51,11 +51,12 @@ packaging/deb.sh "$BINARY" "$out"
 
 echo '=== the static binary'
 if [ -z "${STATIC_BINARY:-}" ]; then
-    # The flag is for the last step alone, the linking: all crates are those of the first binary.
-    cargo rustc "${build[@]}" -- -C target-feature=+crt-static
-    STATIC_BINARY=$target/dist/packstone
+    # Linked to musl, but for the allocator (server/Cargo.toml).
+    musl=$(uname -m)-unknown-linux-musl
+    rustup target add "$musl"
+    env "CC_${musl//-/_}=musl-gcc" cargo build "${build[@]}" --target "$musl"
+    STATIC_BINARY=$target/$musl/dist/packstone
 fi
-# The second is the binary of the Debian package; that of the first build may have been replaced.
 packaging/test-static.sh "$STATIC_BINARY" target/package/packstone
 
 echo '=== the archive'
