@@ -376,6 +376,10 @@ pub struct MonteCarloStatistics {
     pub swaps_accepted: u64,
     /// Lists of near neighbours made anew.
     pub list_rebuilds: u64,
+    /// Times that a packing which jammed just below its target was expanded, to grow again.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub expansions: u64,
     /// Times that the run went on from a checkpoint.
     pub resumes: u64,
     /// Size reached over requested size.

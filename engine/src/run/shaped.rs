@@ -236,6 +236,7 @@ impl<S: ConvexShape> Job<'_, S> {
                     swaps_tried: counted.swaps_tried,
                     swaps_accepted: counted.swaps_accepted,
                     list_rebuilds: counted.list_builds,
+                    expansions: counted.expansions,
                     resumes: counted.resumes,
                     growth_scale: outcome.scale,
                     stop: end,

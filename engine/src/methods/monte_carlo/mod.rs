@@ -152,6 +152,8 @@ pub struct Statistics {
     pub pushes: u64,
     /// Times that all lists of near neighbours were built.
     pub list_builds: u64,
+    /// Times that a packing which jammed just below its target was expanded, to grow again.
+    pub expansions: u64,
     /// Times that the run went on from a checkpoint.
     pub resumes: u64,
 }

@@ -243,6 +243,17 @@ fn eight_spheres_fill_a_box_of_their_size() {
 }
 
 #[test]
+fn what_jams_just_below_its_target_is_expanded_as_long_as_it_helps() {
+    // Eight spheres of 10 mm fit at 0.995 of their size, and no better after an expansion.
+    let specimen = Specimen::Box { size_mm: [19.9; 3], boundary: Boundary::Walls };
+    let shapes = vec![Ellipsoid::new([5.0; 3]).unwrap(); 8];
+    let none = Distance::None { wall_gap_mm: None };
+    let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
+    assert_eq!((outcome.end, outcome.statistics.expansions), (End::Stalled, 1));
+    assert!((0.99..=0.995).contains(&outcome.scale), "{}", outcome.scale);
+}
+
+#[test]
 fn a_long_grain_keeps_clear_of_its_own_images() {
     let specimen = Specimen::Box { size_mm: [9.0, 10.0, 9.5], boundary: Boundary::Periodic };
     let mut shapes = vec![Ellipsoid::new([6.0, 1.5, 1.0]).unwrap()];

@@ -2,8 +2,7 @@
 //!
 //! Reporting changes nothing about the packing. The remaining work is predicted from the growth of the last part of the
 //! run. Growth per work falls about exponentially with the volume fraction, with a width `w` of 0.07 of the target
-//! (Fuller
-//! 2..16 mm, 0.65 to 0.72), so that from a share `v` of the target's volume that grows by `v'` per work the target is
+//! (Fuller 2..16 mm, 0.65 to 0.72). From a share `v` of the target's volume that grows by `v'` per work the target is
 //! `(w / v') (exp((1 - v) / w) - 1)` away.
 
 use std::collections::VecDeque;
@@ -147,6 +146,11 @@ impl<S: ConvexShape> Run<S> {
 
     /// What was counted.
     pub(super) fn counted(&self) -> Statistics {
-        Statistics { swaps_tried: self.swaps.tried, swaps_accepted: self.swaps.accepted, ..self.statistics }
+        Statistics {
+            swaps_tried: self.swaps.tried,
+            swaps_accepted: self.swaps.accepted,
+            expansions: self.expansions,
+            ..self.statistics
+        }
     }
 }
