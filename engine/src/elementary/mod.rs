@@ -1,9 +1,9 @@
 //! Elementary functions whose values have the same bits on every machine.
 //!
-//! IEEE 754 prescribes the bits of sums, products, quotients, square roots and fused products, and of no other function.
-//! Those of the standard library come from the C library of the machine: their last digits differ between libraries,
-//! and in one library between processors with and without fused multiply-add. So the engine uses these alone; Clippy
-//! refuses the others (`engine/clippy.toml`).
+//! IEEE 754 prescribes the bits of sums, products, quotients, square roots and fused products, and of no other
+//! function. Those of the standard library come from the C library of the machine: their last digits differ between
+//! libraries, and in one library between processors with and without fused multiply-add. So the engine uses these
+//! alone; Clippy refuses the others (`engine/clippy.toml`).
 //!
 //! Exponential functions, logarithms and powers are the algorithms of Arm's Optimized Routines (Szabolcs Nagy, 2018,
 //! <https://github.com/ARM-software/optimized-routines>, MIT), which the C libraries of GNU and of musl have as well.

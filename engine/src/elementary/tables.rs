@@ -1,5 +1,6 @@
-//! Tables of the exponential function and of logarithms, from Arm's Optimized Routines (`math/exp_data.c`, `log_data.c`,
-//! `log2_data.c`, `pow_log_data.c`; Copyright (c) 2018 Arm Limited, MIT), whose comments say how they were made.
+//! Tables of the exponential function and of logarithms, from Arm's Optimized Routines (`math/exp_data.c`,
+//! `log_data.c`, `log2_data.c`, `pow_log_data.c`; Copyright (c) 2018 Arm Limited, MIT), whose comments say how they
+//! were made.
 // Shorter numbers would be other numbers.
 #![allow(clippy::excessive_precision, clippy::approx_constant)]
 
