@@ -1,4 +1,4 @@
-//! The files of the folder `web` as they are compiled in: without comments, compressed with gzip, and a table of them.
+//! The files of the folder `web` as they are compiled in: shortened, compressed with gzip, and a table of them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use crate::comments::without_comments;
+use crate::shorten::shortened;
 
 /// The folder of the pages, beside that of this crate.
 const FOLDER: &str = "../web";
@@ -26,7 +26,7 @@ pub(crate) fn compile() -> io::Result<()> {
     names.sort_unstable();
     let mut table = String::from("&[\n");
     for (number, name) in names.iter().enumerate() {
-        let text = without_comments(name, &fs::read_to_string(Path::new(FOLDER).join(name))?);
+        let text = shortened(name, &fs::read_to_string(Path::new(FOLDER).join(name))?);
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         encoder.write_all(text.as_bytes())?;
         let file = format!("/web-{number}.gz");

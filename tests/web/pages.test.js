@@ -57,7 +57,7 @@ function tree(text) {
   });
 }
 
-test("scripts are sent without comments, else as they are, and are within their budgets", async () => {
+test("scripts are sent without comments and indentation, else as they are, and are within their budgets", async () => {
   const server = await startServer();
   try {
     /** @type {Map<string, number>} */
@@ -69,6 +69,7 @@ test("scripts are sent without comments, else as they are, and are within their 
       lengths.set(name, Number(answer.headers.get("content-length")));
       const sent = await answer.text();
       assert.doesNotMatch(sent, /\/\*\*|^\s*\/\//m, `${name} has comments`);
+      assert.doesNotMatch(sent, /^ +(?:const|return) /m, `${name} is indented`);
       assert.ok(tree(sent) === tree(read(name)), `${name} is other code`);
     }
     const total = (/** @type {string[]} */ list) => list.reduce((sum, name) => sum + (lengths.get(name) ?? NaN), 0);
