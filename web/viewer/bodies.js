@@ -70,7 +70,7 @@ flat out vec4 t; flat out vec3 ax; flat out int shape;`,
   if (shape > 0 && pixels < lod) { shape = 0; r *= .78; }`,
   passed: `flat in vec4 t; flat in vec3 ax; flat in int shape; uniform sampler2D planes;
 vec3 rotate(vec4 k, vec3 v) { return v + 2. * cross(k.xyz, cross(k.xyz, v) + k.w * v); }`,
-  meet: `if (dot(m, m) - pow(dot(m, dir), 2.) > r * r) discard;
+  meet: `if (length(cross(m, dir)) > r) discard;
     vec4 back = vec4(-t.xyz, t.w);
     vec3 u = rotate(back, dir), w = rotate(back, m) / r;
     if (shape > 0) {
