@@ -1,7 +1,7 @@
 //! States the commit that the binary is built from, and prepares the files of the web page.
 
-mod comments;
 mod commit;
+mod shorten;
 mod web;
 
 fn main() -> std::io::Result<()> {

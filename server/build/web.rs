@@ -1,17 +1,20 @@
-//! The files of the folder `web` as they are compiled in: without comments, compressed with gzip, and a table of them.
+//! The files of the folder `web` as they are compiled in: shortened, compressed with gzip, and a table of them.
 
 use std::fmt::Write as _;
 use std::fs;
-use std::io::{self, Write as _};
+use std::io;
+use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 
-use flate2::Compression;
-use flate2::write::GzEncoder;
+use zopfli::{Format, Options};
 
-use crate::comments::without_comments;
+use crate::shorten::shortened;
 
 /// The folder of the pages, beside that of this crate.
 const FOLDER: &str = "../web";
+
+/// Rounds of Zopfli. With one, files are 2 % smaller than by the best level of flate2; fifteen gain 0.2 % more.
+const ROUNDS: NonZeroU64 = NonZeroU64::MIN;
 
 /// Writes each file into the folder of the build, and `web_files.rs`, an expression with their names, in order, and
 /// bytes.
@@ -26,11 +29,12 @@ pub(crate) fn compile() -> io::Result<()> {
     names.sort_unstable();
     let mut table = String::from("&[\n");
     for (number, name) in names.iter().enumerate() {
-        let text = without_comments(name, &fs::read_to_string(Path::new(FOLDER).join(name))?);
-        let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-        encoder.write_all(text.as_bytes())?;
+        let text = shortened(name, &fs::read_to_string(Path::new(FOLDER).join(name))?);
+        let mut gzip = Vec::new();
+        let options = Options { iteration_count: ROUNDS, ..Options::default() };
+        zopfli::compress(options, Format::Gzip, text.as_bytes(), &mut gzip)?;
         let file = format!("/web-{number}.gz");
-        fs::write(out.join(&file[1..]), encoder.finish()?)?;
+        fs::write(out.join(&file[1..]), gzip)?;
         let _ = writeln!(table, "    ({name:?}, include_bytes!(concat!(env!(\"OUT_DIR\"), {file:?}))),");
     }
     table.push_str("]\n");

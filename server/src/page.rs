@@ -204,7 +204,7 @@ mod tests {
         assert_eq!(resolved("viewer", "../dom.js"), "dom.js");
         let modules = modules();
         assert!(
-            modules.contains_key(ENTRY) && modules.contains_key("viewer/shaders.js"),
+            modules.contains_key(ENTRY) && modules.contains_key("viewer/bodies.js"),
             "{:?}",
             modules.keys()
         );

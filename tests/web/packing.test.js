@@ -14,6 +14,7 @@ const ELLIPSOIDS = { type: "ellipsoid", ratios: { type: "constant", b_over_a: 0.
 for (const [kind, mix] of /** @type {[string, any][]} */ ([
   ["spheres", SMALL.mix],
   ["ellipsoids", { ...SMALL.mix, shape: ELLIPSOIDS }],
+  ["polyhedra", { ...SMALL.mix, shape: { type: "polyhedron" }, volume_fraction: 0.3 }],
 ])) {
   test(`a file with ${kind} is turned and cut without a server`, inBrowser, async () => {
     const folder = mkdtempSync(join(tmpdir(), "packstone-file-"));
@@ -31,7 +32,9 @@ for (const [kind, mix] of /** @type {[string, any][]} */ ([
         await page.focus("canvas");
         await page.keyboard.press("c");
         await page.locator("#view-words", { hasText: /cut: x below 20\smm/ }).waitFor();
-        assert.match((await page.textContent("pre")) ?? "", /"volume_fraction": 0\.5/);
+        assert.match((await page.textContent("pre")) ?? "", /"volume_fraction": 0\.[35]/);
+        const [picture] = await Promise.all([page.waitForEvent("download"), page.click("text=Save picture")]);
+        assert.match(picture.suggestedFilename(), /^packing-.*\.png$/);
         await accessible();
         clean();
         await close();

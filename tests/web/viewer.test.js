@@ -8,6 +8,13 @@ const SIZE = [40, 40, 40];
 /** Three spheres: the first covers part of the second as seen from the front. */
 const SPHERES = [22, 18, 21, 20, 8, 12, 24, 12, 30, 33, 12, 6];
 const CLASSES = [4, 10, 16];
+const turn = (/** @type {number[]} */ q) => q.map((x) => x / Math.hypot(...q));
+/** An ellipsoid and two cubes. */
+const BODIES = [
+  { at: [22, 18, 21], size: 24, axes: [1, 0.7, 0.35], turn: turn([0.3, -0.5, 0.2, 0.8]) },
+  { at: [9, 30, 12], size: 16, axes: [], turn: turn([0.1, 0.4, -0.3, 0.9]) },
+  { at: [31, 31, 33], size: 9, axes: [], turn: turn([0, 0, 0, 1]) },
+];
 const FAR = 1e9;
 
 describe("viewer", inBrowser, () => {
@@ -120,6 +127,9 @@ describe("viewer", inBrowser, () => {
       const opened = await show(sphereFile(SIZE, SPHERES), { width: 420, height: 320, pointLimit });
       const home = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
       const near = { az: -2, el: -0.7, zoom: 4, pan: [0.4, -0.9] };
+      const loaded = await opened.page.evaluate(() => performance.getEntriesByType("resource").map(({ name }) => name));
+      assert.ok(loaded.some((name) => name.endsWith("/viewer/draw.js")));
+      assert.ok(!loaded.some((name) => /\/viewer\/(bodies|picture)\.js$/.test(name)), "what spheres do not need");
       for (const [pose, cut] of /** @type {[typeof home, number[]][]} */ ([
         [home, [FAR, FAR, FAR]],
         [home, [20, FAR, FAR]],
@@ -136,13 +146,7 @@ describe("viewer", inBrowser, () => {
   }
 
   test("an ellipsoid and two cubes to a pixel", inBrowser, async () => {
-    const turn = (/** @type {number[]} */ q) => q.map((x) => x / Math.hypot(...q));
-    const bodies = [
-      { at: [22, 18, 21], size: 24, axes: [1, 0.7, 0.35], turn: turn([0.3, -0.5, 0.2, 0.8]) },
-      { at: [9, 30, 12], size: 16, axes: [], turn: turn([0.1, 0.4, -0.3, 0.9]) },
-      { at: [31, 31, 33], size: 9, axes: [], turn: turn([0, 0, 0, 1]) },
-    ];
-    const opened = await show(bodyFile(SIZE, bodies), { width: 420, height: 320 });
+    const opened = await show(bodyFile(SIZE, BODIES), { width: 420, height: 320 });
     const home = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
     for (const [pose, cut] of /** @type {[typeof home, number[]][]} */ ([
       [home, [FAR, FAR, FAR]],
@@ -152,7 +156,7 @@ describe("viewer", inBrowser, () => {
     ])) {
       for (const colour of ["aggregate", "class"]) {
         const picture = await seen(opened.page, { pose, set: { cut, colour, classes: CLASSES } });
-        alike(picture, expected(SIZE, hitsOfBodies(bodies), pose, cut, picture.width, picture.height));
+        alike(picture, expected(SIZE, hitsOfBodies(BODIES), pose, cut, picture.width, picture.height));
       }
     }
     opened.clean();
@@ -278,26 +282,31 @@ describe("viewer", inBrowser, () => {
     await opened.close();
   });
 
-  test("a lost context is survived", inBrowser, async () => {
-    const opened = await show(sphereFile(SIZE, SPHERES), { width: 300, height: 300 });
-    const pose = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
-    await opened.page.evaluate(async () => {
-      const { viewer, rest } = /** @type {any} */ (window);
-      const lose = viewer.gl.getExtension("WEBGL_lose_context");
-      // A context can be restored once its event has been handled.
-      const lost = new Promise((done) =>
-        viewer.canvas.addEventListener("webglcontextlost", () => setTimeout(done), { once: true }),
-      );
-      lose.loseContext();
-      await lost;
-      const done = rest();
-      lose.restoreContext();
-      await done;
+  for (const [kind, file, hits] of /** @type {[string, Buffer, import("./view.js").Hit[]][]} */ ([
+    ["spheres", sphereFile(SIZE, SPHERES), hitsOfSpheres(SPHERES)],
+    ["other grains", bodyFile(SIZE, BODIES), hitsOfBodies(BODIES)],
+  ])) {
+    test(`a lost context with ${kind} is survived`, inBrowser, async () => {
+      const opened = await show(file, { width: 300, height: 300 });
+      const pose = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
+      await opened.page.evaluate(async () => {
+        const { viewer, rest } = /** @type {any} */ (window);
+        const lose = viewer.gl.getExtension("WEBGL_lose_context");
+        // A context can be restored once its event has been handled.
+        const lost = new Promise((done) =>
+          viewer.canvas.addEventListener("webglcontextlost", () => setTimeout(done), { once: true }),
+        );
+        lose.loseContext();
+        await lost;
+        const done = rest();
+        lose.restoreContext();
+        await done;
+      });
+      const picture = await seen(opened.page, { pose, set: { colour: "class", classes: CLASSES } });
+      alike(picture, expected(SIZE, hits, pose, [FAR, FAR, FAR], 300, 300));
+      await opened.close();
     });
-    const picture = await seen(opened.page, { pose, set: { colour: "class", classes: CLASSES } });
-    alike(picture, expected(SIZE, hitsOfSpheres(SPHERES), pose, [FAR, FAR, FAR], 300, 300));
-    await opened.close();
-  });
+  }
 
   test("a picture of tiles is the picture of the canvas", inBrowser, async () => {
     const opened = await show(sphereFile(SIZE, SPHERES), { width: 600, height: 400 });
@@ -444,12 +453,17 @@ describe("viewer", inBrowser, () => {
     const { columns, rows } = (await (await server.ask(`/v1/jobs/${job.id}/result`)).json()).grains;
     const opened = await show(file, { width: 300, height: 300 });
     const read = await opened.page.evaluate(() => {
-      const { head, arrived, sorted } = /** @type {any} */ (window).viewer;
-      return { ...head, arrived, sorted };
+      const { head, arrived } = /** @type {any} */ (window).viewer;
+      return { ...head, arrived };
     });
     assert.deepEqual(columns.slice(0, 4), ["x_mm", "y_mm", "z_mm", "d_mm"]);
     assert.equal(read.arrived, rows.length);
-    assert.ok(read.sorted);
+    // The viewer relies on it.
+    const sizes = rows.map((/** @type {any} */ _, /** @type {number} */ i) => file.readUInt16LE(64 + 8 * i + 6));
+    assert.deepEqual(
+      sizes,
+      sizes.toSorted((/** @type {number} */ a, /** @type {number} */ b) => b - a),
+    );
     assert.deepEqual(read.size, [40, 40, 40]);
     assert.ok(Math.abs(read.dmax - rows[0][3]) < 1e-4);
     await opened.close();

@@ -14,45 +14,42 @@ const HALF = 0.3;
  */
 
 /**
- * What the shaders need: the eye, three directions, `f` and `o` with ndc = f * (x, y) / z + o, and the depths `zk` with
- * depth = zk[0] - zk[1] / z.
- * @typedef {Record<"eye" | "right" | "up" | "ahead" | "f" | "o" | "zk", number[]>} Camera
+ * What the shaders need: the eye, three directions, `f` and `o` with ndc = f * (x, y) / z + o, the depths `zk` with
+ * depth = zk[0] - zk[1] / z, and the pixels `view` that are drawn.
+ * @typedef {Record<"eye" | "right" | "up" | "ahead" | "f" | "o" | "zk" | "view", number[]>} Camera
  */
 
 /** @returns {Pose} */
 export const home = () => ({ az: 0.6, el: 0.4, zoom: 1, pan: [0, 0.06] });
 
+/** The direction of two angles. @param {number} az @param {number} el */
+const direction = (az, el) => [Math.cos(el) * Math.cos(az), Math.cos(el) * Math.sin(az), Math.sin(el)];
+
 /**
- * The camera of a picture of `full` pixels of which the window `[x, y, width, height]`, from the lower left, is drawn.
+ * The camera of a picture of `full` pixels of which `view` are drawn, from `corner`, the lower left.
  * @param {Pose} pose
- * @param {number[]} size lengths of the specimen, mm
- * @param {number} reach how far grains reach out of the box, mm
+ * @param {import("./read.js").Head} head
  * @param {number[]} full
- * @param {number[]} window
+ * @param {number[]} [view]
+ * @param {number[]} [corner]
  * @returns {Camera}
  */
-export function camera(pose, size, reach, full, window) {
-  const { az, el, zoom, pan } = pose;
+export function camera({ az, el, zoom, pan }, { size, dmax }, full, view = full, corner = [0, 0]) {
   const radius = Math.hypot(...size) / 2;
   const distance = radius / Math.sin(HALF);
-  const back = [Math.cos(el) * Math.cos(az), Math.cos(el) * Math.sin(az), Math.sin(el)];
-  const right = [-Math.sin(az), Math.cos(az), 0];
-  const up = [-Math.sin(el) * Math.cos(az), -Math.sin(el) * Math.sin(az), Math.cos(el)];
-  const [near, far] = [distance - radius - reach, distance + radius + reach];
+  // Grains reach out of the box by half of the largest.
+  const near = distance - radius - dmax / 2;
+  const far = distance + radius + dmax / 2;
+  const back = direction(az, el);
   const side = Math.min(...full);
-  const scale = zoom / Math.tan(HALF);
-  const axis = (/** @type {number} */ i) => {
-    const [at, length] = [window[i], window[i + 2]];
-    return [(scale * side) / length, (full[i] + pan[i] * side - 2 * at) / length - 1];
-  };
-  const [x, y] = [axis(0), axis(1)];
   return {
     eye: size.map((s, i) => s / 2 + back[i] * distance),
-    right,
-    up,
+    right: direction(az + Math.PI / 2, 0),
+    up: direction(az, el + Math.PI / 2),
     ahead: back.map((b) => -b),
-    f: [x[0], y[0]],
-    o: [x[1], y[1]],
+    f: view.map((length) => (zoom * side) / Math.tan(HALF) / length),
+    o: view.map((length, i) => (full[i] + pan[i] * side - 2 * corner[i]) / length - 1),
     zk: [far / (far - near), (far * near) / (far - near)],
+    view,
   };
 }

@@ -1,46 +1,129 @@
-// The part of the viewer that talks to WebGL 2: programs, the buffer of grains, and drawing a range of them.
+// The part of the viewer that talks to WebGL 2: the buffer of grains, and drawing a range of them.
+//
+// Each grain is a square on the screen. The fragment shader meets the ray through its pixel with the body, writes its
+// depth, and draws the section where a cut goes through. What it knows by itself are spheres; `bodies.js` has the rest.
 // @ts-check
-import { grainFragment, grainVertex, lineFragment, lineVertex } from "./shaders.js";
 
 /** @typedef {import("./read.js").Head} Head */
 /** @typedef {import("./camera.js").Camera} Camera */
 /**
- * How grains are drawn, beside the camera.
+ * How grains are drawn, beside the camera. The shaders know each by its name.
  * @typedef {object} Style
  * @property {number[]} cut in x, y, z, mm: what lies beyond is not drawn
- * @property {number[]} show smallest and largest size drawn, mm
- * @property {number} lod polyhedra smaller than this are drawn as spheres of about their volume, pixels
- * @property {number} mode 0: by size, edges[0] to edges[1]; 1: by class, whose lower edges are `edges`
- *   for spheres; 2: by aggregate
- * @property {number[]} edges mm
- * @property {number[][]} palette 16 colours, red, green, blue from 0 to 1
+ * @property {number[]} lod polyhedra smaller than this are drawn as spheres of about their volume, pixels
+ * @property {number[]} mode 0: by size; 1: by class; 2: by aggregate
+ * @property {number[]} steps 16 colours: red, green, blue from 0 to 1, and the least size of the next class, mm
  * @property {number[]} ink colour of the outline, with its opacity
  */
+/**
+ * What is particular to a kind of grains, in GLSL.
+ * @typedef {object} Kind
+ * @property {string} inputs what the vertex shader has beyond the first 8 bytes of a record, and what it passes on
+ * @property {string} read reads these, and sets the step `i` of the colour by class or aggregate
+ * @property {string} passed what the fragment shader gets of it, and functions
+ * @property {string} meet sets where the ray enters the body, `a`, and leaves it, `b`, and the normal `n`, or discards
+ * @property {WebGLTexture} [texture] that `meet` reads, bound
+ */
+
+/** @type {Kind} */
+const SPHERES = {
+  inputs: "",
+  read: "if (mode == 1.) for (int k = 0; k < 15; k++) i += step(steps[k].w, d);",
+  passed: "",
+  meet: `float s = dot(m, dir); vec3 across = m - s * dir;
+    float h = r * r - dot(across, across);
+    if (h < 0.) discard;
+    h = sqrt(h); a = -s - h; b = -s + h; n = (m + a * dir) / r;`,
+};
+
+/** What all shaders begin with. */
+const HEAD = `#version 300 es
+precision highp float; precision highp int;
+uniform vec4 ink, steps[16]; uniform vec3 eye, right, up, ahead, size, cut; uniform vec2 f, o, view, margin, zk;
+uniform float lod, mode, dmin, dmax;
+`;
+
+const grainVertex = (/** @type {Kind} */ kind) => `${HEAD}
+layout(location=0) in vec4 q; layout(location=3) in float quad;
+${kind.inputs}
+flat out vec3 c, rgb; flat out float r;
+void main() {
+  float d = q.w * dmax; r = .5 * d; c = q.xyz * size;
+  vec3 e = c - eye; float z = dot(e, ahead), i = 0.;
+  // the diameter on the screen, and the side of the square
+  float pixels = view.y * f.y * r / z, s = 1.;
+  if (pixels < 1.) r = 0.;
+  ${kind.read}
+  if (mode == 0.) i = 15. * clamp(log(d / dmin) / log(max(dmax / dmin, 1.0001)), 0., 1.);
+  rgb = mix(steps[int(i)], steps[min(15, int(i) + 1)], fract(i)).rgb;
+  if (r > 0.) s = 1.1 * pixels * inversesqrt(1. - r * r / dot(e, e)) + 1.;
+  vec2 at = f * vec2(dot(e, right), dot(e, up)) / z + o;
+  at += quad * s / view * (vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2. - 1.);
+  if (any(greaterThan(c - r, cut))) at = vec2(1e3);
+  gl_PointSize = s;
+  gl_Position = vec4(at * margin, 0., 1.);
+}`;
+
+const grainFragment = (/** @type {Kind} */ kind) => `${HEAD}
+${kind.passed}
+flat in vec3 c, rgb; flat in float r; out vec4 color;
+void main() {
+  vec2 k = (gl_FragCoord.xy / view * 2. - 1. - o) / f;
+  vec3 dir = normalize(ahead + k.x * right + k.y * up), m = eye - c, n;
+  float light = .68, depth = -dot(m, ahead), a, b;
+  if (r > 0.) {
+    ${kind.meet}
+    vec3 meet = (cut - eye) / dir;
+    bvec3 inwards = lessThan(dir, vec3(0.));
+    vec3 enter = mix(vec3(a), meet, inwards), leave = mix(meet, vec3(b), inwards);
+    float first = max(max(a, enter.x), max(enter.y, enter.z));
+    if (first > min(min(b, leave.x), min(leave.y, leave.z))) discard;
+    light = first > a ? 1. : .34 + .56 * max(dot(n, normalize(-ahead + .5 * up - .35 * right)), 0.) + .1 * n.z;
+    depth = first * dot(dir, ahead);
+  }
+  color = vec4(rgb * light, 1.);
+  gl_FragDepth = zk.x - zk.y / depth;
+}`;
+
+/** Lines of the outline: points in mm. */
+const lineVertex = `${HEAD}
+layout(location=0) in vec3 p;
+void main() {
+  vec3 e = p - eye; float z = dot(e, ahead);
+  gl_Position = vec4((f * vec2(dot(e, right), dot(e, up)) + o * z) * margin, z * (2. * zk.x - 1.) - 2. * zk.y, z);
+}`;
+
+const lineFragment = `${HEAD}
+out vec4 color;
+void main() { color = ink; }`;
 
 /**
+ * Makes a program; gives what uses it with values of its uniforms, by their names.
  * @param {WebGL2RenderingContext} gl
- * @param {string} vertex
- * @param {string} fragment
+ * @param {string[]} texts of the vertex and the fragment shader
  */
-function link(gl, vertex, fragment) {
+function link(gl, ...texts) {
   const program = /** @type {WebGLProgram} */ (gl.createProgram());
-  for (const [type, text] of /** @type {[number, string][]} */ ([
-    [gl.VERTEX_SHADER, vertex],
-    [gl.FRAGMENT_SHADER, fragment],
-  ])) {
-    const shader = /** @type {WebGLShader} */ (gl.createShader(type));
+  texts.forEach((text, i) => {
+    const shader = /** @type {WebGLShader} */ (gl.createShader(i ? gl.FRAGMENT_SHADER : gl.VERTEX_SHADER));
     gl.shaderSource(shader, text);
     gl.compileShader(shader);
     if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
       throw new Error(gl.getShaderInfoLog(shader) ?? "shader");
     }
     gl.attachShader(program, shader);
-  }
+  });
   gl.linkProgram(program);
   /** @type {Record<string, WebGLUniformLocation | null>} */
-  const known = {};
-  const at = (/** @type {string} */ name) => (known[name] ??= gl.getUniformLocation(program, name));
-  return { program, at };
+  const places = {};
+  const use = (/** @type {Record<string, number[]>} */ uniforms) => {
+    gl.useProgram(program);
+    for (const [name, value] of Object.entries(uniforms)) {
+      const set = /** @type {"uniform4fv"} */ (`uniform${Math.min(4, value.length)}fv`);
+      gl[set]((places[name] ??= gl.getUniformLocation(program, name)), value);
+    }
+  };
+  return { program, use };
 }
 
 export class Drawing {
@@ -49,34 +132,30 @@ export class Drawing {
    * @param {Head} head
    * @param {number} room number of grains that the buffer holds
    * @param {number} limit largest sprite drawn as a point, pixels
+   * @param {Kind} [kind]
    */
-  constructor(gl, head, room, limit) {
+  constructor(gl, head, room, limit, kind = SPHERES) {
     this.gl = gl;
     this.head = head;
-    this.filled = 0;
+    this.texture = kind.texture ?? null;
     this.limit = Math.min(limit, gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1]);
-    /** Programs by what they draw, made when they are needed. @type {Record<string, ReturnType<typeof link>>} */
-    this.programs = {};
-    this.buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, Math.max(1, room) * head.stride, gl.STATIC_DRAW);
+    this.grains = link(gl, grainVertex(kind), grainFragment(kind));
+    this.lines = link(gl, lineVertex, lineFragment);
     this.outline = gl.createBuffer();
-    this.texture = gl.createTexture();
-    const width = 1 + Math.max(0, ...head.templates.map((t) => t.length / 4));
-    const texels = new Float32Array(4 * width * Math.max(1, head.templates.length)).fill(-1);
-    head.templates.forEach((t, i) => texels.set(t, 4 * width * i));
-    gl.bindTexture(gl.TEXTURE_2D, this.texture);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, width, texels.length / 4 / width, 0, gl.RGBA, gl.FLOAT, texels);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    this.records = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.records);
+    gl.bufferData(gl.ARRAY_BUFFER, Math.max(1, room) * head.stride, gl.STATIC_DRAW);
+    gl.enable(gl.DEPTH_TEST);
   }
 
-  /** @param {Uint8Array} records */
-  add(records) {
+  /**
+   * @param {number} at grains that are there already
+   * @param {Uint8Array} records
+   */
+  add(at, records) {
     const { gl } = this;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    gl.bufferSubData(gl.ARRAY_BUFFER, this.filled, records);
-    this.filled += records.length;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.records);
+    gl.bufferSubData(gl.ARRAY_BUFFER, at * this.head.stride, records);
   }
 
   /** Resolves when the graphics processor has done what it was told. */
@@ -93,34 +172,9 @@ export class Drawing {
   /** Frees what the graphics processor holds. */
   end() {
     const { gl } = this;
-    for (const b of [this.buffer, this.outline]) gl.deleteBuffer(b);
-    for (const { program } of Object.values(this.programs)) gl.deleteProgram(program);
+    for (const buffer of [this.outline, this.records]) gl.deleteBuffer(buffer);
+    for (const { program } of [this.lines, this.grains]) gl.deleteProgram(program);
     gl.deleteTexture(this.texture);
-  }
-
-  /**
-   * @param {"points" | "quads" | "lines"} kind
-   * @param {Camera} camera
-   * @param {number[]} pixels
-   * @param {number} margin pixels by which the viewport is larger on each side
-   */
-  use(kind, camera, pixels, margin) {
-    const { gl } = this;
-    const body = this.head.stride === 24;
-    const { program, at } = (this.programs[kind] ??=
-      kind === "lines"
-        ? link(gl, lineVertex, lineFragment)
-        : link(gl, grainVertex(kind === "quads", body), grainFragment(body)));
-    gl.enable(gl.DEPTH_TEST);
-    gl.useProgram(program);
-    gl.viewport(-margin, -margin, pixels[0] + 2 * margin, pixels[1] + 2 * margin);
-    for (const k of /** @type {(keyof Camera)[]} */ (["eye", "right", "up", "ahead"])) gl.uniform3fv(at(k), camera[k]);
-    for (const k of /** @type {(keyof Camera)[]} */ (["f", "o", "zk"])) gl.uniform2fv(at(k), camera[k]);
-    gl.uniform2fv(
-      at("margin"),
-      pixels.map((p) => p / (p + 2 * margin)),
-    );
-    return at;
   }
 
   /**
@@ -129,77 +183,57 @@ export class Drawing {
    * the viewport is not drawn at all, so the viewport is larger than the target by half of the largest point.
    * @param {Camera} camera
    * @param {Style} style
-   * @param {number[]} pixels
    * @param {number} from
    * @param {number} to
    * @param {number} large
+   * @param {boolean} first whether the picture starts here: with the ground and the outline
    */
-  grains(camera, style, pixels, from, to, large) {
+  draw(camera, style, from, to, large, first) {
     const { gl, head } = this;
-    const split = Math.min(to, Math.max(from, large));
-    for (const [kind, a, b] of /** @type {["quads" | "points", number, number][]} */ ([
-      ["quads", from, split],
-      ["points", split, to],
-    ])) {
-      if (a >= b) continue;
-      const quads = kind === "quads";
-      const at = this.use(kind, camera, pixels, Math.ceil(this.limit / 2));
-      gl.uniform2fv(at("view"), pixels);
-      gl.uniform3fv(at("size"), head.size);
-      gl.uniform3fv(at("cut"), style.cut);
-      gl.uniform2fv(at("show"), style.show);
-      gl.uniform1f(at("dmax"), head.dmax);
-      gl.uniform1f(at("lod"), style.lod);
-      gl.uniform1fv(at("edges"), style.edges);
-      gl.uniform3fv(at("palette"), style.palette.flat());
-      gl.uniform1i(at("mode"), style.mode);
-      gl.bindTexture(gl.TEXTURE_2D, this.texture);
-      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-      const first = quads ? a * head.stride : 0;
-      const attribute = (
-        /** @type {number} */ i,
-        /** @type {number} */ n,
-        /** @type {number} */ type,
-        /** @type {number} */ offset,
-      ) => {
-        gl.enableVertexAttribArray(i);
-        if (i < 3) gl.vertexAttribPointer(i, n, type, true, head.stride, first + offset);
-        else gl.vertexAttribIPointer(i, n, type, head.stride, first + offset);
-        gl.vertexAttribDivisor(i, quads ? 1 : 0);
-      };
-      attribute(0, 4, gl.UNSIGNED_SHORT, 0);
-      if (head.stride === 24) {
-        attribute(1, 4, gl.SHORT, 8);
-        attribute(2, 2, gl.UNSIGNED_SHORT, 16);
-        attribute(3, 2, gl.UNSIGNED_SHORT, 20);
+    const { stride, size } = head;
+    const margin = Math.ceil(this.limit / 2);
+    const [width, height] = camera.view.map((p) => p + 2 * margin);
+    gl.viewport(-margin, -margin, width, height);
+    const uniforms = {
+      ...camera,
+      ...style,
+      size,
+      dmin: [head.dmin],
+      dmax: [head.dmax],
+      margin: [camera.view[0] / width, camera.view[1] / height],
+    };
+    if (first) {
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      if (style.ink[3]) {
+        const lines = new Float32Array(outline(head, style.cut));
+        this.lines.use(uniforms);
+        gl.bindBuffer(gl.ARRAY_BUFFER, this.outline);
+        gl.bufferData(gl.ARRAY_BUFFER, lines, gl.DYNAMIC_DRAW);
+        gl.enableVertexAttribArray(0);
+        gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
+        gl.vertexAttribDivisor(0, 0);
+        gl.drawArrays(gl.LINES, 0, lines.length / 3);
       }
-      if (quads) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, b - a);
-      else gl.drawArrays(gl.POINTS, a, b - a);
-      for (let i = 0; i < 4; i++) gl.disableVertexAttribArray(i);
     }
-  }
-
-  /**
-   * Starts a picture: the ground, the edges of the specimen, and of the section at each cut.
-   * @param {Camera} camera
-   * @param {Style} style
-   * @param {number[]} pixels
-   */
-  start(camera, style, pixels) {
-    const { gl, head } = this;
-    gl.clearColor(0, 0, 0, 0);
-    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    if (!style.ink[3]) return;
-    const lines = edges(head, style.cut);
-    const at = this.use("lines", camera, pixels, 0);
-    gl.uniform4fv(at("ink"), style.ink);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.outline);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(lines), gl.DYNAMIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
-    gl.vertexAttribDivisor(0, 0);
-    gl.drawArrays(gl.LINES, 0, lines.length / 3);
-    gl.disableVertexAttribArray(0);
+    this.grains.use(uniforms);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.records);
+    const split = Math.min(to, Math.max(from, large));
+    for (const [quad, start, end] of [
+      [1, from, split],
+      [0, split, to],
+    ]) {
+      if (start >= end) continue;
+      // A record is one or three attributes of four numbers of two bytes.
+      for (let i = 0; i < stride / 8; i++) {
+        gl.enableVertexAttribArray(i);
+        gl.vertexAttribPointer(i, 4, i === 1 ? gl.SHORT : gl.UNSIGNED_SHORT, i < 2, stride, start * stride + 8 * i);
+        gl.vertexAttribDivisor(i, quad);
+      }
+      gl.vertexAttrib1f(3, quad);
+      if (quad) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, end - start);
+      else gl.drawArrays(gl.POINTS, 0, end - start);
+    }
+    for (let i = 0; i < 3; i++) gl.disableVertexAttribArray(i);
   }
 }
 
@@ -208,37 +242,26 @@ export class Drawing {
  * @param {Head} head
  * @param {number[]} cut
  */
-function edges({ size, specimen }, cut) {
+function outline({ size, specimen }, cut) {
   /** @type {number[]} */
-  const out = [];
-  const square = (/** @type {number} */ axis, /** @type {number} */ at) => {
+  const lines = [];
+  /** Draws what a plane has of the specimen; gives four of its points. @param {number} axis @param {number} at */
+  const ring = (axis, at) => {
     const [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
-    const corners = [
-      [0, 0],
-      [1, 0],
-      [1, 1],
-      [0, 1],
-    ].map(([a, b]) => {
-      const p = [0, 0, 0];
-      [p[axis], p[u], p[v]] = [at, a * size[u], b * size[v]];
+    const round = specimen === 1 && axis === 2;
+    const points = Array.from({ length: round ? 96 : 4 }, (_, i) => {
+      const angle = ((round ? i : 12 + 24 * i) * Math.PI) / 48;
+      const reach = round ? 1 : Math.SQRT2;
+      const p = [at, at, at];
+      p[u] = (size[u] / 2) * (1 + reach * Math.cos(angle));
+      p[v] = (size[v] / 2) * (1 + reach * Math.sin(angle));
       return p;
     });
-    corners.forEach((p, i) => out.push(...p, ...corners[(i + 1) % 4]));
-    return corners;
+    points.forEach((p, i) => lines.push(...p, ...points[(i + 1) % points.length]));
+    return points.filter((_, i) => i % (points.length / 4) === 0);
   };
-  const circle = (/** @type {number} */ z) => {
-    const p = (/** @type {number} */ i) =>
-      [0, 1].map((k) => (size[k] / 2) * (1 + (k ? Math.sin : Math.cos)((i * Math.PI) / 48))).concat(z);
-    for (let i = 0; i < 96; i++) out.push(...p(i), ...p(i + 1));
-    return [0, 24, 48, 72].map(p);
-  };
-  const ring = specimen === 1 ? circle : (/** @type {number} */ z) => square(2, z);
-  const top = ring(size[2]);
-  ring(0).forEach((p, i) => out.push(...p, ...top[i]));
-  for (let axis = 0; axis < 3; axis++) {
-    if (cut[axis] >= size[axis]) continue;
-    if (axis === 2) ring(cut[2]);
-    else square(axis, cut[axis]);
-  }
-  return out;
+  const top = ring(2, size[2]);
+  ring(2, 0).forEach((p, i) => lines.push(...p, ...top[i]));
+  cut.forEach((at, axis) => at < size[axis] && ring(axis, at));
+  return lines;
 }

@@ -1,5 +1,5 @@
-//! The web page: HTML, style sheets and scripts under fixed names, compiled in without their comments (`build/web.rs`)
-//! or, for development, from a folder as they are.
+//! The web page: HTML, style sheets and scripts under fixed names, compiled in without their comments and indentation
+//! (`build/web.rs`) or, for development, from a folder as they are.
 //!
 //! Pages hold no data, so that they are open without an API key; their scripts ask the published interface, with a key
 //! or a session. They are not part of the contract of the interface.
