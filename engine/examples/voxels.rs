@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used)]
 
 use std::fs::File;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -55,11 +56,13 @@ fn grid(
     model: &Model<'_>,
     format: voxels::VoxelFormat,
     options: &Value,
+    export_threads: NonZeroUsize,
     out: &mut dyn std::io::Write,
 ) -> voxels::VoxelReport {
     let options = with_format(options, format);
     let options = read(&options, voxels::VoxelOptions::read);
-    voxels::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
+    let limits = Limits { export_threads, ..Limits::default() };
+    voxels::write(model, &options, &limits, &Unattended, out).unwrap()
 }
 
 fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::SliceReport {
@@ -80,12 +83,14 @@ fn main() {
         (voxels::VoxelFormat::Raw, json!({"cells": 1000})),
         (voxels::VoxelFormat::Inp, json!({"cells": 100})),
     ] {
-        let (time, bytes) = timed(|| {
-            let mut count = Count(0);
-            grid(&model, format, &options, &mut count);
-            count.0
+        let [(one, bytes), (two, _)] = [1, 2].map(|threads| {
+            timed(|| {
+                let mut count = Count(0);
+                grid(&model, format, &options, NonZeroUsize::new(threads).unwrap(), &mut count);
+                count.0
+            })
         });
-        println!("{} {options}: {time:.2} s, {bytes}", format.name());
+        println!("{} {options}: {one:.2} s on one thread, {two:.2} s on two, {bytes}", format.name());
     }
     for options in [
         json!({"format": "svg"}),
@@ -109,7 +114,7 @@ fn main() {
     for cells in [25, 50, 100, 200, 400, 800] {
         let by = |samples: u32| {
             let options = json!({"cells": cells, "samples": samples});
-            grid(&model, voxels::VoxelFormat::Raw, &options, &mut std::io::sink())
+            grid(&model, voxels::VoxelFormat::Raw, &options, NonZeroUsize::MIN, &mut std::io::sink())
         };
         let reports = [1, 2, 4, 8].map(by);
         let (exact, voxel_mm) = (reports[0].volume_fraction, reports[0].spacing_mm[0]);
@@ -144,7 +149,7 @@ fn main() {
         cut(&small, &json!({"format": format}), &mut file(&format!("slice.{}", format.name())));
     }
     let options = json!({"cells": 120, "label": "grain"});
-    grid(&small, voxels::VoxelFormat::Vti, &options, &mut file("voxels.vti"));
+    grid(&small, voxels::VoxelFormat::Vti, &options, NonZeroUsize::MIN, &mut file("voxels.vti"));
     let (request, packing) = a16(100.0, "periodic", 0.7, 0.0);
     let periodic = Model::new(&request.specimen, &packing.grains);
     let report = cut(&periodic, &json!({"format": "geo"}), &mut file("slice-periodic.geo"));
@@ -165,7 +170,7 @@ const CELLS: usize = 60;
 fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
     let mut bytes = Vec::new();
     let options = json!({"cells": CELLS, "fractions": true, "samples": samples});
-    grid(model, voxels::VoxelFormat::Vti, &options, &mut bytes);
+    grid(model, voxels::VoxelFormat::Vti, &options, NonZeroUsize::MIN, &mut bytes);
     let end = bytes.len() - "\n  </AppendedData>\n</VTKFile>\n".len();
     let array = &bytes[end - 4 * CELLS.pow(3)..end];
     array.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap()).into()).collect()
@@ -174,7 +179,7 @@ fn shares(model: &Model<'_>, samples: u32) -> Vec<f64> {
 /// Shares by points: the labels of a finer grid.
 fn points(model: &Model<'_>, samples: usize) -> Vec<f64> {
     let mut fine = Vec::new();
-    grid(model, voxels::VoxelFormat::Raw, &json!({"cells": CELLS * samples}), &mut fine);
+    grid(model, voxels::VoxelFormat::Raw, &json!({"cells": CELLS * samples}), NonZeroUsize::MIN, &mut fine);
     let mut shares = vec![0.0; CELLS.pow(3)];
     let n = CELLS * samples;
     for (at, label) in fine.iter().enumerate() {

@@ -6,6 +6,7 @@
 mod archive;
 pub mod catalog;
 pub mod certificates;
+mod digits;
 mod groups;
 pub mod ldpm;
 pub mod mesh;

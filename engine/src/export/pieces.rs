@@ -1,5 +1,7 @@
 //! Work that is made in pieces on several threads, and taken piece by piece in order on the caller's.
 
+use std::iter;
+use std::num::NonZeroUsize;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, Scope};
 
@@ -7,6 +9,11 @@ use crate::threads::may_start_one;
 
 /// Slots for each thread: of one piece under way and of one that waits to be taken.
 pub(super) const SLOTS_PER_THREAD: usize = 2;
+
+/// Slots for so many threads, and for no more than there are pieces.
+pub(super) fn slots<S>(threads: NonZeroUsize, pieces: usize, slot: impl FnMut() -> S) -> Vec<S> {
+    iter::repeat_with(slot).take(SLOTS_PER_THREAD * threads.get().min(pieces)).collect()
+}
 
 /// A place for one piece at a time, with what is used again from piece to piece.
 enum Slot<'a, S, E> {

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::arrays::Each as _;
-use crate::geometry::convex::{Convex, Place};
+use crate::geometry::convex::{Convex, Lines, Place};
 use crate::memory::{OutOfMemory, collected};
 use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::shape::{Ellipsoid, Pose, Solid};
@@ -55,6 +55,14 @@ impl Form {
     }
 }
 
+/// What is used again from section to section of polyhedra.
+#[derive(Debug, Default)]
+pub(super) struct Aim {
+    lines: Lines,
+    /// The grain that the lines are those of: all its sections, and those of its images, have the same.
+    grain: Option<usize>,
+}
+
 /// The section of a grain by a plane across z.
 pub(super) enum Section<'a> {
     Disc {
@@ -78,8 +86,10 @@ pub(super) enum Section<'a> {
         half_y: f64,
         /// The point of the plane above the centre, in the axes and the unit of the template.
         above: Vector3<f64>,
-        /// Steps of a mm along x and along y there.
-        steps: [Vector3<f64>; 2],
+        /// A step of a mm along y there.
+        across: Vector3<f64>,
+        /// The lines along x there, with a mm as their unit.
+        lines: &'a Lines,
     },
 }
 
@@ -180,9 +190,16 @@ impl<'a> Sectioned<'a> {
         self.grains().d_mm(grain)
     }
 
-    /// The section at a height `dz` above the centre, for a grain that is moved to `center`.
+    /// The section at a height `dz` above the centre, for a grain that is moved to `center`. `aim` serves these grains
+    /// alone.
     #[inline]
-    pub(super) fn section(&self, grain: usize, center: [f64; 3], dz: f64) -> Section<'_> {
+    pub(super) fn section<'s>(
+        &'s self,
+        grain: usize,
+        center: [f64; 3],
+        dz: f64,
+        aim: &'s mut Aim,
+    ) -> Section<'s> {
         let (grains, templates, form) = match self {
             Self::Spheres(spheres) => {
                 let radius = spheres.d_mm[grain] / 2.0;
@@ -206,12 +223,18 @@ impl<'a> Sectioned<'a> {
             Form::Polyhedron { template, half_extents } => {
                 let Place { rotation, scale, .. } = Place::of(grains, grain);
                 let step = |axis: usize| rotation.row(axis).transpose() / scale;
+                let template = &templates[*template as usize];
+                if aim.grain != Some(grain) {
+                    aim.lines.aim(template, &step(0));
+                    aim.grain = Some(grain);
+                }
                 Section::Polyhedron {
-                    template: &templates[*template as usize],
+                    template,
                     center: [center[0], center[1]],
                     half_y: half_extents[1],
                     above: step(2) * dz,
-                    steps: [step(0), step(1)],
+                    across: step(1),
+                    lines: &aim.lines,
                 }
             }
         }
@@ -241,8 +264,8 @@ impl Section<'_> {
                 let part = ((half_y - dy) * (half_y + dy)).max(0.0).sqrt();
                 (center[0] + shear * dy, if half_y > 0.0 { half_x * (part / half_y) } else { 0.0 })
             }
-            Self::Polyhedron { template, center, above, steps: [along, across], .. } => {
-                let ends = template.chord(&(above + across * dy), &along);
+            Self::Polyhedron { template, center, above, across, lines, .. } => {
+                let ends = lines.chord(template, &(above + across * dy));
                 ends.map_or((center[0], -1.0), |[from, to]| {
                     (center[0] + (from + to) / 2.0, (to - from) / 2.0)
                 })
@@ -303,7 +326,8 @@ mod tests {
             let (_, inverse) = solids.matrices(0).unwrap();
             let center = Vector3::from(solids.center(0));
             let dz = at_z * solids.half_extents(0)[2];
-            let section = solids.section(0, center.into(), dz);
+            let mut aim = Aim::default();
+            let section = solids.section(0, center.into(), dz, &mut aim);
             let [low, high] = section.y();
             let y = (low + high) / 2.0 + at_y * (high - low) / 2.0;
             let [from, to] = section.x_at(y);
@@ -320,7 +344,10 @@ mod tests {
             let mut spheres = Spheres::default();
             spheres.push([1.0, 2.0, 3.0], 2.0 * radius);
             let (one, other) = (Sectioned::new((&grains).into()).unwrap(), Sectioned::new((&spheres).into()).unwrap());
-            let sections = [&one, &other].map(|solids| solids.section(0, [1.0, 2.0, 3.0], at * radius));
+            let mut aims = [Aim::default(), Aim::default()];
+            let [first, second] = &mut aims;
+            let sections = [(&one, first), (&other, second)]
+                .map(|(solids, aim)| solids.section(0, [1.0, 2.0, 3.0], at * radius, aim));
             let y = 2.0 + 0.5 * at * radius;
             for (a, b) in sections[0].x_at(y).into_iter().zip(sections[1].x_at(y)) {
                 prop_assert!((a - b).abs() < 1e-12 * radius.max(1.0), "{a} {b}");

@@ -11,10 +11,10 @@ use std::ops::Range;
 use serde::Serialize;
 
 use super::tessellation::{FACETS, Point, Tet, boundary_facets};
-use super::text::{SPARE_BYTES, push_exact, push_number, push_whole};
 use super::{Lattice, LatticeOptions, LatticeReport, topology};
 use crate::control::Part;
 use crate::export::archive::{Archive, Content, PIECE_BYTES};
+use crate::export::digits::{SPARE_BYTES, push_exact, push_number, push_whole};
 use crate::export::steps::Steps;
 use crate::export::{ExportError, go_on};
 use crate::memory::reserved;

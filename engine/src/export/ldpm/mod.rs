@@ -18,7 +18,6 @@ mod report;
 mod sample;
 mod surface;
 mod tessellation;
-mod text;
 mod topology;
 mod vtu;
 

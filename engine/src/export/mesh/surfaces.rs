@@ -3,8 +3,6 @@
 //! The surface of a grain depends on the packing and the options alone, and surfaces are put together in the order of
 //! the grains, so that nothing depends on the threads.
 
-use std::iter;
-
 use super::bodies::MeshModel;
 use super::estimate;
 use super::grain::Grains;
@@ -13,7 +11,7 @@ use super::surface::Surface;
 use super::{SurfaceOptions, SurfaceReport, check, report_of, report_progress, too_large};
 use crate::arrays::Each as _;
 use crate::control::Control;
-use crate::export::pieces::{SLOTS_PER_THREAD, in_order};
+use crate::export::pieces::{in_order, slots};
 use crate::export::{ExportError, Model, go_on};
 use crate::memory::{self, OutOfMemory, make_room, reserved};
 use crate::plan::Limits;
@@ -72,8 +70,8 @@ impl Mesh {
         let mut mesh = Self { shell, points, triangles, ends: reserved(count)? };
         let grains = Grains::new(model, options)?;
         let maker = || Maker { grains: grains.clone(), made: Vec::new() };
-        let mut makers: Vec<_> =
-            iter::repeat_with(maker).take(SLOTS_PER_THREAD * limits.export_threads.get()).collect();
+        let pieces = count.div_ceil(GRAINS_PER_PIECE);
+        let mut makers = slots(limits.export_threads, pieces, maker);
         let make = |piece: usize, maker: &mut Maker<'_>| {
             let first = piece * GRAINS_PER_PIECE;
             for row in first..count.min(first + GRAINS_PER_PIECE) {
@@ -81,7 +79,7 @@ impl Mesh {
             }
             Ok(())
         };
-        in_order(&mut makers, count.div_ceil(GRAINS_PER_PIECE), make, |_, maker| {
+        in_order(&mut makers, pieces, make, |_, maker| {
             go_on(control)?;
             for (grain, has_volume) in maker.made.drain(..) {
                 if mesh.triangles.len() + grain.triangles.len() > left {

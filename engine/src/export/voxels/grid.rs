@@ -70,10 +70,11 @@ impl VoxelGrid {
 
     /// The voxels whose centres lie in `low..=high`, along one axis.
     pub(super) fn centers_within(&self, axis: usize, low: f64, high: f64) -> Range<usize> {
-        let n = self.shape[axis] as f64;
-        let first = (low / self.spacing_mm[axis] - 0.5).ceil().clamp(0.0, n);
-        let end = ((high / self.spacing_mm[axis] - 0.5).floor() + 1.0).clamp(first, n);
-        first as usize..end as usize
+        let (n, spacing) = (self.shape[axis], self.spacing_mm[axis]);
+        let first = ceil_within(low / spacing - 0.5, n);
+        let last = high / spacing - 0.5;
+        let end = if last < 0.0 { 0 } else { (last.min(n as f64) as usize + 1).min(n) };
+        first..end.max(first)
     }
 
     /// The voxels of a row along x that are inside the specimen.
@@ -91,15 +92,48 @@ impl VoxelGrid {
         (0..self.shape[1]).map(|j| self.inside(j).len() as u64).sum()
     }
 
-    /// Sets what lies outside of the specimen.
-    pub(super) fn fill_outside<T: Copy>(&self, layer: &mut [T], value: T) {
+    /// Sets what lies outside of the specimen, in some rows of a layer.
+    pub(super) fn fill_outside<T: Copy>(&self, rows: Range<usize>, voxels: &mut [T], value: T) {
         if self.is_full() {
             return;
         }
-        for (j, row) in layer.chunks_exact_mut(self.shape[0]).enumerate() {
+        for (j, row) in rows.zip(voxels.chunks_exact_mut(self.shape[0])) {
             let inside = self.inside(j);
             row[..inside.start].fill(value);
             row[inside.end..].fill(value);
+        }
+    }
+}
+
+/// The least whole number that is not below a number, of those up to `n`. `f64::ceil` is a call of a library.
+pub(super) fn ceil_within(x: f64, n: usize) -> usize {
+    let x = x.clamp(0.0, n as f64);
+    let below = x as usize;
+    below + usize::from((below as f64) < x)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn voxels_are_those_of_the_functions_of_the_library(
+            n in 1_usize..9000, low in -2.0..2.0_f64, length in -0.1..3.0_f64, at_centers: bool,
+        ) {
+            let spacing_mm = [0.37; 3];
+            let grid = VoxelGrid { shape: [n; 3], spacing_mm, size_mm: [0.37 * n as f64; 3], rows: None };
+            let mut ends = [low, low + length].map(|x| x * grid.size_mm[0]);
+            if at_centers {
+                ends = ends.map(|x| ((x / 0.37).floor() + 0.5) * 0.37);
+            }
+            let [low, high] = ends;
+            let n = n as f64;
+            let first = (low / 0.37 - 0.5).ceil().clamp(0.0, n);
+            let end = ((high / 0.37 - 0.5).floor() + 1.0).clamp(first, n);
+            prop_assert_eq!(grid.centers_within(0, low, high), first as usize..end as usize);
         }
     }
 }

@@ -9,16 +9,23 @@
 
 use std::io::{self, Write};
 
-use super::layers::Layers;
-use super::{Found, LayerSteps, VoxelGrid};
+use super::pass::{Found, Text, Work, count_of};
+use super::rows::RowPieces;
+use super::{Label, VoxelGrid};
 use crate::arrays;
+use crate::export::ExportError;
+use crate::export::digits::{push_exact, push_whole};
 use crate::export::groups::AggregateGroups;
-use crate::export::{ExportError, Model};
-use crate::memory::{OutOfMemory, copied, filled};
+use crate::memory::reserved;
 
-/// Passes over the layers: matrix, aggregates, each of several aggregates, interface.
-pub(super) fn passes(groups: &AggregateGroups<'_>) -> usize {
-    3 + groups.with_grains().count()
+/// Voxels of a piece of text, where a row has not more: about a megabyte of elements.
+const VOXELS_PER_PIECE: usize = 1 << 12;
+
+/// Layers that all passes do: one over the nodes, and one over the voxels for labels, matrix, aggregates, each of
+/// several aggregates, and interface.
+pub(super) fn layers(grid: &VoxelGrid, groups: &AggregateGroups<'_>) -> usize {
+    let nz = grid.shape[2];
+    nz + 1 + nz * (4 + groups.with_grains().count())
 }
 
 /// Numbers on a line of a set; Abaqus reads no more than 16.
@@ -35,118 +42,196 @@ const FACES: [(&str, &str, [i64; 3]); 6] = [
     ("z_max", "S2", [0, 0, 1]),
 ];
 
+/// Digits of the largest number of a node; elements are fewer.
+fn digits(grid: &VoxelGrid) -> u64 {
+    let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
+    u64::from(nodes.max(1).ilog10()) + 1
+}
+
+/// Bytes of a coordinate at most, with what stands before it.
+const COORDINATE_BYTES: u64 = 21;
+
 /// Bytes of the file at most.
 pub(super) fn most_bytes(grid: &VoxelGrid) -> u64 {
     let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
-    let digits = u64::from(nodes.max(1).ilog10()) + 1;
+    let digits = digits(grid);
     // A node: its number and three coordinates. An element: nine numbers, and in a packing
     // of many small grains one or two faces of the interface; perhaps its number in the set of its aggregate.
-    let (node, element) = (digits + 1 + 3 * 21, 10 * (digits + 1) + 2 * (digits + 4));
+    let (node, element) = (digits + 1 + 3 * COORDINATE_BYTES, 10 * (digits + 1) + 2 * (digits + 4));
     nodes.saturating_mul(node).saturating_add(grid.voxels().saturating_mul(element))
 }
 
 const MATRIX: u8 = 0;
+/// Label of the first aggregate.
 const AGGREGATE: u8 = 1;
 /// More than any label of a mix of [`crate::request::MAX_AGGREGATES`] has.
 const OUTSIDE: u8 = u8::MAX;
 
-pub(super) fn write(
-    model: &Model<'_>,
-    grid: &VoxelGrid,
-    groups: &AggregateGroups<'_>,
-    layers_done: &LayerSteps<'_>,
-    out: &mut dyn Write,
-) -> Result<Found, ExportError> {
+fn is_aggregate(label: u8) -> bool {
+    label != MATRIX && label != OUTSIDE
+}
+
+pub(super) fn write(work: &Work<'_>, out: &mut dyn Write) -> Result<Found, ExportError> {
+    let grid = work.bodies.grid;
     let lattice = Lattice { grid };
     let [nx, ny, nz] = grid.shape;
     let [dx, dy, dz] = grid.spacing_mm;
     writeln!(out, "** {nx} x {ny} x {nz} voxels of {dx} x {dy} x {dz} mm; units mm")?;
     writeln!(out, "** to be included between *PART and *END PART")?;
-    lattice.write_nodes(out)?;
-    let mut found = Found { inside: grid.inside_per_layer() * nz as u64, ..Found::default() };
-    for (phase, name) in [(MATRIX, "matrix"), (AGGREGATE, "aggregates")] {
-        // A set without elements is no set, and a keyword without lines a fault.
-        let mut header = Some(format!("*ELEMENT, TYPE=C3D8, ELSET={name}\n"));
-        let mut layers = Phases::new(model, grid)?;
-        for k in 0..nz {
-            let layer = layers.next(k, &|_| AGGREGATE);
-            for (j, row) in layer.chunks_exact(nx).enumerate() {
-                for i in row.iter().enumerate().filter(|(_, label)| **label == phase).map(|(i, _)| i) {
-                    if let Some(header) = header.take() {
-                        out.write_all(header.as_bytes())?;
-                    }
-                    lattice.write_element([i, j, k], out)?;
-                    found.aggregate += u64::from(phase);
-                }
-            }
-            layers_done.next()?;
-        }
-        found.grains_without_voxel = layers.layers.grains_without_voxel();
+    let mut labels = reserved(nx * ny * nz)?;
+    let found = work.labels(Label::Aggregate, &mut labels)?;
+    let voxels = Voxels { lattice: &lattice, labels: &labels };
+    let mut text = Text::new(work, voxels.pieces().number(), out);
+    voxels.write_nodes(&mut text)?;
+    voxels.write_elements("matrix", |label| label == MATRIX, &mut text)?;
+    voxels.write_elements("aggregates", is_aggregate, &mut text)?;
+    for (number, name) in work.groups.with_grains() {
+        voxels.write_aggregate(name, AGGREGATE + number as u8, &mut text)?;
     }
-    found.of_aggregates = write_aggregates(model, &lattice, groups, layers_done, out)?;
-    lattice.write_node_sets(out)?;
-    lattice.write_surfaces(out)?;
-    write_interface(model, &lattice, layers_done, out)?;
+    lattice.write_node_sets(text.out)?;
+    lattice.write_surfaces(text.out)?;
+    voxels.write_interface(&mut text)?;
     Ok(found)
 }
 
-/// Writes the set of elements of each of several aggregates, and returns how many each has.
-///
-/// By their numbers and not as parts of `aggregates`, for meshio reads no sets of sets.
-fn write_aggregates(
-    model: &Model<'_>,
-    lattice: &Lattice<'_>,
-    groups: &AggregateGroups<'_>,
-    layers_done: &LayerSteps<'_>,
-    out: &mut dyn Write,
-) -> Result<Vec<u64>, ExportError> {
-    let [nx, _, nz] = lattice.grid.shape;
-    let mut counts = vec![0; groups.all().count()];
-    let label = |grain: usize| AGGREGATE + groups.of_grain(grain) as u8;
-    for (number, name) in groups.with_grains() {
-        let mut phases = Phases::new(model, lattice.grid)?;
-        for k in 0..nz {
-            for (j, row) in phases.next(k, &label).chunks_exact(nx).enumerate() {
-                let is_own =
-                    |label: u8| label != OUTSIDE && usize::from(label) == usize::from(AGGREGATE) + number;
-                for i in row.iter().enumerate().filter(|(_, label)| is_own(**label)).map(|(i, _)| i) {
-                    match counts[number] {
-                        0 => writeln!(out, "*ELSET, ELSET={name}")?,
-                        n if n % PER_LINE as u64 == 0 => writeln!(out)?,
-                        _ => write!(out, ",")?,
+/// All voxels, of which text is written in pieces.
+struct Voxels<'a> {
+    lattice: &'a Lattice<'a>,
+    labels: &'a [u8],
+}
+
+impl Voxels<'_> {
+    fn pieces(&self) -> RowPieces {
+        RowPieces::new(self.lattice.grid.shape, VOXELS_PER_PIECE)
+    }
+
+    /// Bytes of a piece at most, by those of a voxel.
+    fn most_bytes(&self, pieces: &RowPieces, of_voxel: u64) -> usize {
+        pieces.most_rows() * self.lattice.grid.shape[0] * of_voxel as usize
+    }
+
+    /// Labels of a piece.
+    fn labels(&self, pieces: &RowPieces, piece: usize) -> &[u8] {
+        let (rows, nx) = (pieces.rows(piece), self.lattice.grid.shape[0]);
+        &self.labels[rows.start * nx..rows.end * nx]
+    }
+
+    /// The places of those voxels of a piece whose label is asked for.
+    fn places(
+        &self,
+        pieces: &RowPieces,
+        piece: usize,
+        is_asked_for: impl Fn(u8) -> bool,
+    ) -> impl Iterator<Item = [usize; 3]> {
+        let [nx, ny, _] = self.lattice.grid.shape;
+        let rows = self.labels(pieces, piece).chunks_exact(nx).zip(pieces.rows(piece));
+        rows.flat_map(move |(row, number)| row.iter().enumerate().map(move |(i, label)| (i, number, *label)))
+            .filter(move |(_, _, label)| is_asked_for(*label))
+            .map(move |(i, number, _)| [i, number % ny, number / ny])
+    }
+
+    fn write_nodes(&self, text: &mut Text<'_>) -> Result<(), ExportError> {
+        let grid = self.lattice.grid;
+        let shape = grid.shape.map(|n| n + 1);
+        let pieces = RowPieces::new(shape, VOXELS_PER_PIECE);
+        let of_node = digits(grid) + 1 + 3 * COORDINATE_BYTES;
+        let coordinate = |axis: usize, i: usize| {
+            let mut text = vec![b','];
+            push_exact(&mut text, grid.corner(axis, i));
+            text
+        };
+        let along_x: Vec<Vec<u8>> = (0..shape[0]).map(|i| coordinate(0, i)).collect();
+        let append = |piece: usize, text: &mut Vec<u8>| {
+            for (k, rows) in pieces.layers(piece) {
+                let z = coordinate(2, k);
+                for j in rows {
+                    let mut rest = coordinate(1, j);
+                    rest.extend_from_slice(&z);
+                    rest.push(b'\n');
+                    for i in self.lattice.node_row(j) {
+                        push_whole(text, self.lattice.node([i, j, k]) as u64);
+                        text.extend_from_slice(&along_x[i]);
+                        text.extend_from_slice(&rest);
                     }
-                    write!(out, "{}", lattice.element([i, j, k]))?;
-                    counts[number] += 1;
                 }
             }
-            layers_done.next()?;
-        }
-        if counts[number] > 0 {
-            writeln!(out)?;
-        }
-    }
-    Ok(counts)
-}
-
-/// Phases layer by layer.
-struct Phases<'a> {
-    grid: &'a VoxelGrid,
-    layers: Layers<'a>,
-    layer: Vec<u8>,
-}
-
-impl<'a> Phases<'a> {
-    fn new(model: &Model<'a>, grid: &'a VoxelGrid) -> Result<Self, OutOfMemory> {
-        let layer = filled(grid.shape[0] * grid.shape[1], MATRIX)?;
-        Ok(Self { grid, layers: Layers::new(model, grid)?, layer })
+        };
+        let most_bytes = pieces.most_rows() * shape[0] * of_node as usize;
+        text.write(&pieces, most_bytes, "*NODE\n", append)
     }
 
-    /// Layer `k`; they come in rising order.
-    fn next(&mut self, k: usize, label: &impl Fn(usize) -> u8) -> &[u8] {
-        self.layer.fill(MATRIX);
-        self.layers.fill(k, &mut self.layer, label);
-        self.grid.fill_outside(&mut self.layer, OUTSIDE);
-        &self.layer
+    /// Writes the elements of the voxels whose label is asked for.
+    fn write_elements(
+        &self,
+        set: &str,
+        is_asked_for: impl Fn(u8) -> bool + Copy + Sync,
+        text: &mut Text<'_>,
+    ) -> Result<(), ExportError> {
+        let pieces = self.pieces();
+        let append = |piece: usize, text: &mut Vec<u8>| {
+            for place in self.places(&pieces, piece, is_asked_for) {
+                self.lattice.push_element(place, text);
+            }
+        };
+        let most_bytes = self.most_bytes(&pieces, 9 * (digits(self.lattice.grid) + 1));
+        text.write(&pieces, most_bytes, &format!("*ELEMENT, TYPE=C3D8, ELSET={set}\n"), append)
+    }
+
+    /// Writes the set of elements of one of several aggregates.
+    ///
+    /// By their numbers and not as a part of `aggregates`, for meshio reads no sets of sets.
+    fn write_aggregate(&self, name: &str, label: u8, text: &mut Text<'_>) -> Result<(), ExportError> {
+        let pieces = self.pieces();
+        let mut before = reserved(pieces.number())?;
+        let mut count = 0_u64;
+        for piece in 0..pieces.number() {
+            before.push(count);
+            count += count_of(self.labels(&pieces, piece), |own| *own == label);
+        }
+        let append = |piece: usize, text: &mut Vec<u8>| {
+            for (n, place) in (before[piece]..).zip(self.places(&pieces, piece, |own| own == label)) {
+                match n {
+                    0 => {}
+                    n if n % PER_LINE as u64 == 0 => text.push(b'\n'),
+                    _ => text.push(b','),
+                }
+                push_whole(text, self.lattice.element(place) as u64);
+            }
+        };
+        let most_bytes = self.most_bytes(&pieces, digits(self.lattice.grid) + 1);
+        text.write(&pieces, most_bytes, &format!("*ELSET, ELSET={name}\n"), append)?;
+        if count > 0 {
+            writeln!(text.out)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the faces of aggregate voxels towards the matrix.
+    fn write_interface(&self, text: &mut Text<'_>) -> Result<(), ExportError> {
+        let [nx, ny, nz] = self.lattice.grid.shape;
+        let pieces = self.pieces();
+        let append = |piece: usize, text: &mut Vec<u8>| {
+            for place @ [i, j, k] in self.places(&pieces, piece, is_aggregate) {
+                let at = i + nx * (j + ny * k);
+                let to_matrix = [
+                    i > 0 && self.labels[at - 1] == MATRIX,
+                    i + 1 < nx && self.labels[at + 1] == MATRIX,
+                    j > 0 && self.labels[at - nx] == MATRIX,
+                    j + 1 < ny && self.labels[at + nx] == MATRIX,
+                    k > 0 && self.labels[at - nx * ny] == MATRIX,
+                    k + 1 < nz && self.labels[at + nx * ny] == MATRIX,
+                ];
+                for (_, (_, side, _)) in to_matrix.into_iter().zip(FACES).filter(|(matrix, _)| *matrix) {
+                    push_whole(text, self.lattice.element(place) as u64);
+                    text.extend_from_slice(b", ");
+                    text.extend_from_slice(side.as_bytes());
+                    text.push(b'\n');
+                }
+            }
+        };
+        let of_face = digits(self.lattice.grid) + 5;
+        let most_bytes = self.most_bytes(&pieces, FACES.len() as u64 * of_face);
+        text.write(&pieces, most_bytes, "*SURFACE, TYPE=ELEMENT, NAME=itz\n", append)
     }
 }
 
@@ -175,34 +260,17 @@ impl Lattice<'_> {
             .unwrap_or_default()
     }
 
-    fn write_nodes(&self, out: &mut dyn Write) -> io::Result<()> {
-        let [_, ny, nz] = self.grid.shape;
-        writeln!(out, "*NODE")?;
-        let mut digits = [zmij::Buffer::new(), zmij::Buffer::new(), zmij::Buffer::new()];
-        let [in_x, in_y, in_z] = &mut digits;
-        for k in 0..=nz {
-            let z = in_z.format_finite(self.grid.corner(2, k));
-            for j in 0..=ny {
-                let y = in_y.format_finite(self.grid.corner(1, j));
-                for i in self.node_row(j) {
-                    let x = in_x.format_finite(self.grid.corner(0, i));
-                    writeln!(out, "{},{x},{y},{z}", self.node([i, j, k]))?;
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn write_element(&self, place: [usize; 3], out: &mut dyn Write) -> io::Result<()> {
+    fn push_element(&self, place: [usize; 3], text: &mut Vec<u8>) {
         const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
-        write!(out, "{}", self.element(place))?;
+        push_whole(text, self.element(place) as u64);
         let [i, j, k] = place;
         for dk in [0, 1] {
             for [di, dj] in CORNERS {
-                write!(out, ",{}", self.node([i + di, j + dj, k + dk]))?;
+                text.push(b',');
+                push_whole(text, self.node([i + di, j + dj, k + dk]) as u64);
             }
         }
-        writeln!(out)
+        text.push(b'\n');
     }
 
     /// Whether there is an element at that offset.
@@ -305,60 +373,16 @@ impl Lattice<'_> {
 }
 
 fn write_set(numbers: &[usize], out: &mut dyn Write) -> io::Result<()> {
+    let mut text = Vec::new();
     for line in numbers.chunks(PER_LINE) {
-        for (i, number) in line.iter().enumerate() {
-            write!(out, "{}{number}", if i > 0 { "," } else { "" })?;
+        text.clear();
+        for number in line {
+            push_whole(&mut text, *number as u64);
+            text.push(b',');
         }
-        writeln!(out)?;
-    }
-    Ok(())
-}
-
-/// Faces of aggregate voxels towards the matrix.
-fn write_interface(
-    model: &Model<'_>,
-    lattice: &Lattice<'_>,
-    layers_done: &LayerSteps<'_>,
-    out: &mut dyn Write,
-) -> Result<(), ExportError> {
-    let [nx, ny, nz] = lattice.grid.shape;
-    let mut header = Some("*SURFACE, TYPE=ELEMENT, NAME=itz\n");
-    let mut phases = Phases::new(model, lattice.grid)?;
-    let mut below = filled(nx * ny, OUTSIDE)?;
-    let aggregate = |_| AGGREGATE;
-    let mut layer = copied(phases.next(0, &aggregate))?;
-    let mut above = filled(nx * ny, OUTSIDE)?;
-    for k in 0..nz {
-        if k + 1 < nz {
-            above.copy_from_slice(phases.next(k + 1, &aggregate));
-        } else {
-            above.fill(OUTSIDE);
-        }
-        for j in 0..ny {
-            for i in lattice.grid.inside(j) {
-                let at = i + nx * j;
-                if layer[at] != AGGREGATE {
-                    continue;
-                }
-                let to_matrix = [
-                    i > 0 && layer[at - 1] == MATRIX,
-                    i + 1 < nx && layer[at + 1] == MATRIX,
-                    j > 0 && layer[at - nx] == MATRIX,
-                    j + 1 < ny && layer[at + nx] == MATRIX,
-                    below[at] == MATRIX,
-                    above[at] == MATRIX,
-                ];
-                for (_, (_, side, _)) in to_matrix.into_iter().zip(FACES).filter(|(matrix, _)| *matrix) {
-                    if let Some(header) = header.take() {
-                        out.write_all(header.as_bytes())?;
-                    }
-                    writeln!(out, "{}, {side}", lattice.element([i, j, k]))?;
-                }
-            }
-        }
-        std::mem::swap(&mut below, &mut layer);
-        std::mem::swap(&mut layer, &mut above);
-        layers_done.next()?;
+        text.pop();
+        text.push(b'\n');
+        out.write_all(&text)?;
     }
     Ok(())
 }

@@ -1,18 +1,19 @@
 //! Voxel models of a packing: label grids for voxel solvers and image tools, hexahedra for Abaqus.
 //!
 //! A voxel has the label of what its centre lies in. What that does to the volume fraction is reported beside
-//! the exact one. Layers of voxels are made one after the other and written as they come, so that a grid of any
-//! size takes the memory of a layer. The module knows spheres and their specimen; it must never know how they
-//! were packed.
+//! the exact one. Rows of voxels are made in pieces on several threads and written in their order, so that the bytes do
+//! not depend on the threads, and a grid of any size takes the memory of a few pieces; hexahedra keep a byte of each
+//! voxel. The module knows grains and their specimen; it must never know how they were packed.
 
 mod grid;
 mod inp;
 mod layers;
 mod options;
+mod pass;
+mod rows;
 mod share;
 mod vti;
 
-use std::cell::Cell;
 use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
@@ -23,14 +24,13 @@ pub use options::{
     VoxelOptions,
 };
 
-use self::layers::Layers;
+use self::layers::Bodies;
+use self::pass::{LayerSteps, Work};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::solids::Sectioned;
-use crate::export::steps::Steps;
-use crate::export::{ExportError, Model, go_on};
-use crate::memory::filled;
+use crate::export::{ExportError, Model};
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -111,22 +111,24 @@ pub fn write(
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let groups = AggregateGroups::of(model);
-    let passes = match options.format {
-        VoxelFormat::Inp => inp::passes(&groups),
-        VoxelFormat::Vti if options.fractions => 2,
-        VoxelFormat::Vti | VoxelFormat::Raw => 1,
+    let layers = match options.format {
+        VoxelFormat::Inp => inp::layers(&grid, &groups),
+        VoxelFormat::Vti if options.fractions => 2 * grid.shape[2],
+        VoxelFormat::Vti | VoxelFormat::Raw => grid.shape[2],
     };
-    let layers_done = LayerSteps::new(control, passes * grid.shape[2]);
+    let work = Work {
+        bodies: Bodies::new(model, &solids, &grid)?,
+        groups: &groups,
+        threads: limits.export_threads,
+        control,
+        layers_done: LayerSteps::new(control, layers),
+    };
     // Where the shares are written they are added up there.
-    let sampled_mm3 = if options.fractions {
-        None
-    } else {
-        Some(share::volume_mm3(&solids, &grid, options.samples, control)?)
-    };
+    let sampled_mm3 = if options.fractions { None } else { Some(share::volume_mm3(&work, options.samples)?) };
     let found = match options.format {
-        VoxelFormat::Inp => inp::write(model, &grid, &groups, &layers_done, &mut out)?,
-        VoxelFormat::Vti => vti::write(model, &grid, options, &layers_done, &mut out)?,
-        VoxelFormat::Raw => labels(model, &grid, options.label, &layers_done, &mut out)?,
+        VoxelFormat::Inp => inp::write(&work, &mut out)?,
+        VoxelFormat::Vti => vti::write(&work, model.provenance, options, &mut out)?,
+        VoxelFormat::Raw => work.labels(options.label, &mut out)?,
     };
     out.flush().map_err(ExportError::Write)?;
     let volume_mm3 = model.specimen.volume_mm3();
@@ -149,124 +151,9 @@ pub fn write(
     })
 }
 
-/// What a pass over the grid counted.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Found {
-    inside: u64,
-    aggregate: u64,
-    grains_without_voxel: u64,
-    /// By the shares, where they were written.
-    sampled_mm3: f64,
-    /// Of each aggregate, where they were told apart.
-    of_aggregates: Vec<u64>,
-}
-
-impl Found {
-    /// The voxels of each of several aggregates, where they were told apart.
-    fn by_aggregate(&self, groups: &AggregateGroups<'_>) -> Vec<AggregateVoxels> {
-        let all = (1..).zip(groups.all()).zip(&self.of_aggregates);
-        let of = |((label, (name, grains)), voxels): ((u32, (&str, u64)), &u64)| AggregateVoxels {
-            label,
-            name: name.to_owned(),
-            grains,
-            voxels: *voxels,
-        };
-        all.map(of).collect()
-    }
-}
-
-/// Counts the layers that passes over the grid have done.
-struct LayerSteps<'a> {
-    steps: Steps<'a>,
-    done: Cell<usize>,
-}
-
-impl<'a> LayerSteps<'a> {
-    fn new(control: &'a dyn Control, layers: usize) -> Self {
-        let steps = Steps { control, total: layers, unit: "layers", message: "" };
-        Self { steps, done: Cell::new(0) }
-    }
-
-    /// Reports one layer more, and asks whether to go on.
-    fn next(&self) -> Result<(), ExportError> {
-        self.done.set(self.done.get() + 1);
-        self.steps.report(self.done.get());
-        go_on(self.steps.control)
-    }
-}
-
-/// Writes the labels, x fastest, little-endian, and nothing else.
-fn labels(
-    model: &Model<'_>,
-    grid: &VoxelGrid,
-    label: Label,
-    layers_done: &LayerSteps<'_>,
-    out: &mut dyn Write,
-) -> Result<Found, ExportError> {
-    match label {
-        // The label is known to fit: a packing has fewer grains than u32 can count.
-        Label::Grain => {
-            labels_as(model, grid, layers_done, out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4])
-        }
-        Label::Phase => labels_as(model, grid, layers_done, out, |_| [1], [label.outside() as u8]),
-        Label::Aggregate => {
-            let groups = AggregateGroups::of(model);
-            let mut counted = Counted { out, of: [0; 256] };
-            // A mix has at most 16 aggregates.
-            let encode = |grain: usize| [groups.of_grain(grain) as u8 + 1];
-            let found = labels_as(model, grid, layers_done, &mut counted, encode, [label.outside() as u8])?;
-            let of_aggregates = counted.of[1..].iter().take(groups.all().count()).copied().collect();
-            Ok(Found { of_aggregates, ..found })
-        }
-    }
-}
-
-/// Counts the bytes of each value that pass.
-struct Counted<'a> {
-    out: &'a mut dyn Write,
-    of: [u64; 256],
-}
-
-impl Write for Counted<'_> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        let written = self.out.write(bytes)?;
-        for byte in &bytes[..written] {
-            self.of[usize::from(*byte)] += 1;
-        }
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.out.flush()
-    }
-}
-
-fn labels_as<const BYTES: usize>(
-    model: &Model<'_>,
-    grid: &VoxelGrid,
-    layers_done: &LayerSteps<'_>,
-    out: &mut dyn Write,
-    encode: impl Fn(usize) -> [u8; BYTES],
-    outside: [u8; BYTES],
-) -> Result<Found, ExportError> {
-    const MATRIX: u8 = 0;
-    let mut layers = Layers::new(model, grid)?;
-    let mut layer = filled(grid.shape[0] * grid.shape[1], [MATRIX; BYTES])?;
-    let mut found = Found { inside: grid.inside_per_layer() * grid.shape[2] as u64, ..Found::default() };
-    for k in 0..grid.shape[2] {
-        layer.fill([MATRIX; BYTES]);
-        layers.fill(k, &mut layer, &encode);
-        grid.fill_outside(&mut layer, outside);
-        let grain = |label: &&[u8; BYTES]| **label != [MATRIX; BYTES] && **label != outside;
-        found.aggregate += layer.iter().filter(grain).count() as u64;
-        out.write_all(layer.as_flattened())?;
-        layers_done.next()?;
-    }
-    found.grains_without_voxel = layers.grains_without_voxel();
-    Ok(found)
-}
-
 #[cfg(test)]
 mod polyhedron_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod threads_tests;

@@ -2,14 +2,19 @@
 
 use std::ops::Range;
 
-use super::VoxelGrid;
+use super::Work;
 use crate::arrays::Each as _;
 use crate::control::Control;
-use crate::export::solids::Sectioned;
+use crate::export::pieces::{in_order, slots};
+use crate::export::solids::{Aim, Sectioned};
 use crate::export::{ExportError, go_on};
+use crate::memory::{OutOfMemory, make_room};
 
-/// Lines between two looks at whether to stop; a millisecond or so.
-const LINES_PER_LOOK: i64 = 1 << 18;
+/// Lines of a piece of the work, where one grain has not more: a tenth of a millisecond for spheres, a few milliseconds
+/// for rounded polyhedra.
+const LINES_PER_PIECE: f64 = 16_384.0;
+/// Lines between two looks at whether to stop, within a grain.
+const LINES_PER_LOOK: i64 = 1 << 16;
 
 /// Volume of all grains.
 pub(super) fn exact_mm3(solids: &Sectioned<'_>) -> f64 {
@@ -20,30 +25,67 @@ pub(super) fn exact_mm3(solids: &Sectioned<'_>) -> f64 {
 ///
 /// The lines of a periodic box meet those of its neighbours, so that a grain that crosses its faces is measured
 /// in one piece.
-pub(super) fn volume_mm3(
+pub(super) fn volume_mm3(work: &Work<'_>, samples: u32) -> Result<f64, ExportError> {
+    let (solids, control) = (work.bodies.solids, work.control);
+    let [_, dy, dz] = work.bodies.grid.spacing_mm.each(|spacing| spacing / f64::from(samples));
+    let ends = ends_of_pieces(solids, [dy, dz])?;
+    let grains = |piece: usize| piece.checked_sub(1).map_or(0, |before| ends[before])..ends[piece];
+    let mut length = 0.0;
+    in_order(
+        &mut slots(work.threads, ends.len(), <(Vec<f64>, Aim)>::default),
+        ends.len(),
+        |piece, (lengths, aim)| {
+            lengths.clear();
+            make_room(lengths, grains(piece).len())?;
+            for grain in grains(piece) {
+                lengths.push(length_of(solids, grain, [dy, dz], aim, control)?);
+            }
+            Ok(())
+        },
+        |_, (lengths, _)| {
+            length = lengths.iter().fold(length, |sum, of_grain| sum + of_grain);
+            go_on(control)
+        },
+    )?;
+    Ok(length * dy * dz)
+}
+
+/// The first grain after each piece of the work.
+fn ends_of_pieces(solids: &Sectioned<'_>, [dy, dz]: [f64; 2]) -> Result<Vec<usize>, OutOfMemory> {
+    let (mut ends, mut lines) = (Vec::new(), 0.0);
+    for grain in 0..solids.len() {
+        let [_, half_y, half_z] = solids.half_extents(grain);
+        lines += (1.0 + 2.0 * half_y / dy) * (1.0 + 2.0 * half_z / dz);
+        if lines >= LINES_PER_PIECE || grain + 1 == solids.len() {
+            make_room(&mut ends, 1)?;
+            ends.push(grain + 1);
+            lines = 0.0;
+        }
+    }
+    Ok(ends)
+}
+
+/// Length of all lines in a grain.
+fn length_of(
     solids: &Sectioned<'_>,
-    grid: &VoxelGrid,
-    samples: u32,
+    grain: usize,
+    [dy, dz]: [f64; 2],
+    aim: &mut Aim,
     control: &dyn Control,
 ) -> Result<f64, ExportError> {
-    let [_, dy, dz] = grid.spacing_mm.each(|spacing| spacing / f64::from(samples));
+    let (center, half) = (solids.center(grain), solids.half_extents(grain));
     let (mut length, mut lines) = (0.0, 0);
-    for grain in 0..solids.len() {
-        let (center, half) = (solids.center(grain), solids.half_extents(grain));
-        let mut grain_length = 0.0;
-        for plane in lines_within([center[2] - half[2], center[2] + half[2]], dz) {
-            let section = solids.section(grain, center, (plane as f64 + 0.5) * dz - center[2]);
-            let within = lines_within(section.y(), dy);
-            lines += within.end - within.start + 1;
-            grain_length += within.map(|line| section.length_at((line as f64 + 0.5) * dy)).sum::<f64>();
-            if lines >= LINES_PER_LOOK {
-                lines = 0;
-                go_on(control)?;
-            }
+    for plane in lines_within([center[2] - half[2], center[2] + half[2]], dz) {
+        let section = solids.section(grain, center, (plane as f64 + 0.5) * dz - center[2], aim);
+        let within = lines_within(section.y(), dy);
+        lines += within.end - within.start + 1;
+        length += within.map(|line| section.length_at((line as f64 + 0.5) * dy)).sum::<f64>();
+        if lines >= LINES_PER_LOOK {
+            lines = 0;
+            go_on(control)?;
         }
-        length += grain_length;
     }
-    Ok(length * dy * dz)
+    Ok(length)
 }
 
 /// Numbers of the lines, `step` apart, that lie between two coordinates.

@@ -1,6 +1,8 @@
 #![allow(clippy::unwrap_used)]
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::sync::Mutex;
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -14,7 +16,7 @@ use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
 use crate::{PackingRequest, Unattended, pack};
 
-fn read(format: VoxelFormat, value: &Value) -> Result<VoxelOptions, Vec<String>> {
+pub(super) fn read(format: VoxelFormat, value: &Value) -> Result<VoxelOptions, Vec<String>> {
     let mut value = value.clone();
     value["format"] = json!(format);
     let value = &value;
@@ -509,12 +511,52 @@ fn a_run_stops_when_it_is_told_to() {
     }
     let (specimen, spheres) = packed(&specimens()[0]);
     let model = Model::new(&specimen, &spheres);
-    for format in VoxelFormat::ALL {
+    for (format, threads) in VoxelFormat::ALL.into_iter().flat_map(|format| [(format, 1), (format, 3)]) {
         let control = After(AtomicU32::new(5));
         let options = read(format, &json!({"cells": 20})).unwrap();
+        let limits = Limits { export_threads: threads.try_into().unwrap(), ..Limits::default() };
         let mut out = Vec::new();
-        let stopped = write(&model, &options, &Limits::default(), &control, &mut out);
+        let stopped = write(&model, &options, &limits, &control, &mut out);
         assert!(matches!(stopped, Err(ExportError::Stopped)), "{stopped:?}");
+    }
+}
+
+/// Progress counts the layers of all passes, and comes to its end.
+#[test]
+fn progress_counts_layers_up_to_the_last() {
+    struct Last(Mutex<Progress>);
+    impl Control for Last {
+        fn report(&self, progress: &Progress) {
+            let mut last = self.0.lock().unwrap();
+            assert!(progress.done > last.done && progress.done <= progress.total, "{last:?} {progress:?}");
+            *last = progress.clone();
+        }
+        fn should_stop(&self) -> bool {
+            false
+        }
+    }
+    let (specimen, spheres) = of_three_aggregates(&specimens()[2]);
+    let model = Model::new(&specimen, &spheres);
+    for (format, options, layers) in [
+        (VoxelFormat::Raw, json!({"cells": 26}), 26),
+        (VoxelFormat::Vti, json!({"cells": 26, "fractions": true}), 2 * 26),
+        // The nodes, and then labels, matrix, aggregates, two of them, and the interface.
+        (VoxelFormat::Inp, json!({"cells": 26}), 27 + 6 * 26),
+    ] {
+        let start = Progress {
+            phase: crate::control::Phase::Export,
+            fraction: 0.0,
+            done: 0,
+            total: 0,
+            unit: "",
+            message: String::new(),
+            growth: None,
+        };
+        let control = Last(Mutex::new(start));
+        write(&model, &read(format, &options).unwrap(), &Limits::default(), &control, &mut io::sink())
+            .unwrap();
+        let last = control.0.into_inner().unwrap();
+        assert_eq!((last.done, last.total, last.unit), (layers, layers, "layers"));
     }
 }
 

@@ -7,6 +7,7 @@
 //! radius about its vertices. The body is convex: a line enters it where it first meets one of these, and leaves it
 //! where it leaves the last.
 
+mod lines;
 mod skin;
 
 use std::collections::BTreeMap;
@@ -16,6 +17,8 @@ use nalgebra::{Matrix3, Vector3};
 use crate::elementary::atan2;
 use crate::packing::Solids;
 use crate::shape::{Polyhedron, Pose};
+pub(crate) use lines::Lines;
+use lines::Slant;
 pub(crate) use skin::{Skin, SkinPoint};
 
 /// A template with what is computed of it once.
@@ -206,29 +209,11 @@ impl Convex {
         let mut chord = [f64::INFINITY, f64::NEG_INFINITY];
         let mut meets = |t: f64| chord = [chord[0].min(t), chord[1].max(t)];
         for vertex in &self.vertices {
-            let to = vertex - from;
-            let along = to.dot(direction);
-            let root = along * along - length2 * (to.norm_squared() - r * r);
-            if root > 0.0 {
-                let root = root.sqrt();
-                meets((along - root) / length2);
-                meets((along + root) / length2);
-            }
+            lines::sphere(vertex, [from, direction], r, length2, &mut meets);
         }
         for edge in &self.edges {
-            let start = self.vertex(edge.ends[0]);
-            let (of_line, of_start) = (direction.dot(&edge.axis), (from - start).dot(&edge.axis));
-            let (across, apart) = (direction - edge.axis * of_line, from - start - edge.axis * of_start);
-            let (a, b) = (across.norm_squared(), across.dot(&apart));
-            let root = b * b - a * (apart.norm_squared() - r * r);
-            if root > 0.0 && a > 1e-24 * length2 {
-                let root = root.sqrt();
-                for t in [(-b - root) / a, (-b + root) / a] {
-                    if (0.0..=edge.length).contains(&(of_start + t * of_line)) {
-                        meets(t);
-                    }
-                }
-            }
+            let from = from - self.vertex(edge.ends[0]);
+            Slant::new(edge, direction).cylinder(edge, &from, r, length2, &mut meets);
         }
         for (face, (normal, height)) in self.planes.iter().enumerate() {
             let slope = normal.dot(direction);

@@ -7,7 +7,6 @@ mod extremes;
 mod files;
 mod model;
 mod tessellation;
-mod text;
 
 use serde_json::{Value, json};
 

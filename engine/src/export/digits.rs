@@ -11,7 +11,7 @@ const DIGITS: i32 = 10;
 const FULL: u64 = 10_000_000_000;
 /// From here on, doubles are integers.
 const INTEGERS: f64 = (1_u64 << 52) as f64;
-/// What [`push_number`] writes beyond the text that it appends, and takes back.
+/// What [`push_number`] and [`push_whole`] write beyond the text that they append, and take back.
 pub(super) const SPARE_BYTES: usize = 32;
 
 const fn pairs() -> [[u8; 2]; 100] {
@@ -119,15 +119,84 @@ pub(super) fn push_exact(text: &mut Vec<u8>, x: f64) {
 
 /// Appends a whole number.
 pub(super) fn push_whole(text: &mut Vec<u8>, mut value: u64) {
-    let mut digits = [0_u8; 20];
-    let mut at = digits.len();
-    loop {
-        at -= 1;
-        digits[at] = b'0' + (value % 10) as u8;
-        value /= 10;
-        if value == 0 {
-            break;
+    const MOST: usize = 20;
+    // Copied as one piece of fixed length, of which a part counts, as above.
+    let mut digits = [0_u8; 2 * MOST];
+    let mut at = MOST;
+    let mut put = |pair: usize| {
+        at -= 2;
+        digits[at..at + 2].copy_from_slice(&PAIRS[pair]);
+    };
+    while value > u64::from(u32::MAX) {
+        put((value % 100) as usize);
+        value /= 100;
+    }
+    // Numbers of 32 bits are divided faster.
+    let mut value = value as u32;
+    while value >= 100 {
+        put((value % 100) as usize);
+        value /= 100;
+    }
+    put(value as usize);
+    at += usize::from(value < 10);
+    let end = text.len() + MOST - at;
+    text.extend_from_slice(&digits[at..at + MOST]);
+    text.truncate(end);
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    fn number(x: f64) -> String {
+        let mut text = Vec::new();
+        push_number(&mut text, x);
+        String::from_utf8(text).unwrap()
+    }
+
+    #[test]
+    fn numbers_look_like_those_of_c() {
+        for (x, expected) in [
+            (0.0, "0"),
+            (-0.0, "0"),
+            (1.0, "1"),
+            (-150.0, "-150"),
+            (0.1, "0.1"),
+            (1.0 / 3.0, "0.3333333333"),
+            (2.0e3 / 3.0, "666.6666667"),
+            (9_999_999_999.4, "9999999999"),
+            (9_999_999_999.6, "1e+10"),
+            (0.000_123_456_789_012, "0.000123456789"),
+            (0.000_012_345_678_901_2, "1.23456789e-05"),
+            (-1.5e-12, "-1.5e-12"),
+            (0.999_999_999_99, "1"),
+            (1e300, "1e+300"),
+        ] {
+            assert_eq!(number(x), expected, "{x:e}");
         }
     }
-    text.extend_from_slice(&digits[at..]);
+
+    proptest! {
+        #[test]
+        fn numbers_read_back_to_ten_digits(x in prop::num::f64::NORMAL) {
+            let read: f64 = number(x).parse().unwrap();
+            prop_assert!(((read - x) / x).abs() <= 5.000_001e-10, "{x:e} became {read:e}");
+        }
+
+        #[test]
+        fn lengths_are_rounded_as_the_library_rounds(x in -1.0e4..1.0e4_f64) {
+            let rounded: f64 = format!("{x:.9e}").parse().unwrap();
+            prop_assert_eq!(number(x).parse::<f64>().unwrap(), rounded);
+        }
+
+        #[test]
+        fn whole_numbers_read_back(x: u64, shift in 0_u32..64) {
+            let x = x >> shift;
+            let mut text = Vec::new();
+            push_whole(&mut text, x);
+            prop_assert_eq!(String::from_utf8(text).unwrap(), x.to_string());
+        }
+    }
 }
