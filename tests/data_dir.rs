@@ -108,7 +108,8 @@ async fn orphaned_files_are_swept_and_others_kept() {
     let kept = quarantined(&data_dir);
     assert_eq!(kept.len(), 1, "the whole file is kept, the half one is not: {kept:?}");
     assert_eq!(fs::read(&kept[0]).unwrap(), b"half a result");
-    assert!(server.log().contains("quarantine"), "{}", server.log());
+    // It is told after it is done.
+    eventually("the log to tell of the quarantine", || server.log().contains("quarantine")).await;
     server.client().result(id_of(&job)).await;
     server.stop().await;
 }

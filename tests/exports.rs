@@ -9,11 +9,23 @@ use serde_json::{Value, json};
 use crate::harness::deadline::eventually;
 use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs};
 
-/// Seconds of work.
+/// Seconds of work for the grains of [`packed_for_long`].
 const LENGTHY: &str = "voxels?format=raw&cells=320&samples=16";
 
 async fn packed(client: &Client) -> String {
     id_of(&client.succeed(&jobs::quick(1)).await).to_owned()
+}
+
+/// Packs polyhedra, whose voxels take a hundred times as long as those of spheres.
+async fn packed_for_long(client: &Client) -> String {
+    let job = json!({
+        "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+        "mix": {
+            "grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4, "volume_fraction": 0.30,
+            "shape": {"type": "polyhedron", "template_count": 1},
+        },
+    });
+    id_of(&client.succeed(&job).await).to_owned()
 }
 
 /// Starts an export; the path of its document.
@@ -76,7 +88,7 @@ async fn a_slice_does_not_wait_behind_what_takes_long() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let id = packed(&client).await;
+    let id = packed_for_long(&client).await;
     let long = start(&client, &id, LENGTHY).await;
     when(&client, &long, "running").await;
     client.get(&format!("/v1/jobs/{id}/exports/slice")).send().await.expect(200);
@@ -102,7 +114,7 @@ async fn a_power_cut_or_a_stop_meanwhile_loses_nothing() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let id = packed(&client).await;
+    let id = packed_for_long(&client).await;
     let long = start(&client, &id, LENGTHY).await;
     let behind = start(&client, &id, "voxels?format=raw&cells=9").await;
     when(&client, &long, "running").await;
@@ -130,7 +142,7 @@ async fn who_deletes_calls_off_what_is_being_made() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let id = packed(&client).await;
+    let id = packed_for_long(&client).await;
     let long = start(&client, &id, LENGTHY).await;
     when(&client, &long, "running").await;
     client.delete(&file_of(&long)).send().await.expect(204);
