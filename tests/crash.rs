@@ -149,7 +149,7 @@ impl Known {
 }
 
 /// Few enough open jobs, with those that may have been taken, that each has a fair chance to end between two cuts.
-const MOST_OPEN: usize = 12;
+const MOST_OPEN: usize = 8;
 
 /// Orders jobs, some of them again, and looks at what has become of others, until it is dropped.
 pub(crate) async fn order_and_watch(client: &Client, known: &mut Known, random: &mut Xoshiro256PlusPlus) {

@@ -241,9 +241,9 @@ async fn a_client_that_polls_sees_the_progress_of_a_job_elsewhere() {
     client.running(id).await;
     let renewed = client.metric("packstone_leases_total{event=\"renewed\"}").await;
     let mut seen = std::collections::BTreeSet::new();
-    patiently("the progress to be seen ten times", async {
+    patiently("the progress to be seen five times", async {
         let mut poll_again = tokio::time::interval(Duration::from_millis(200));
-        while seen.len() < 10 {
+        while seen.len() < 5 {
             poll_again.tick().await;
             seen.insert(client.job(id).await["progress"].to_string());
         }
@@ -251,7 +251,7 @@ async fn a_client_that_polls_sees_the_progress_of_a_job_elsewhere() {
     .await;
     let more = client.metric("packstone_leases_total{event=\"renewed\"}").await - renewed;
     // The worker is asked to report every second, however often a client polls.
-    assert!((8.0..100.0).contains(&more), "{more} renewals");
+    assert!((4.0..50.0).contains(&more), "{more} renewals");
     worker.signal(Signal::TERM);
     assert_eq!(worker.ended().await.code, Some(0));
     server.stop().await;

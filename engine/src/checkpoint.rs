@@ -252,6 +252,7 @@ impl Source<'_> {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
     use serde_json::json;
 
@@ -335,9 +336,9 @@ mod tests {
         assert_eq!(error.kind(), io::ErrorKind::StorageFull);
     }
 
-    proptest! {
+    properties! {
         #[test]
-        fn damage_is_never_taken_for_a_state(at in any::<prop::sample::Index>(), flip in 1_u8..=255, cut: bool) {
+        fn damage_is_never_taken_for_a_state(at in any::<prop::sample::Index>(), flip in 1_u8..=255, cut in any::<bool>()) {
             let whole = written(&[5; 3000]);
             let at = at.index(whole.len());
             let mut bytes = whole;

@@ -41,11 +41,14 @@ pub mod methods;
 pub mod mix;
 pub mod packing;
 pub mod plan;
+#[cfg(test)]
+mod properties;
 pub mod request;
 mod rng;
 mod run;
 pub mod segregation;
 pub mod shape;
+mod sorting;
 pub mod specimen;
 mod threads;
 

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -115,7 +116,7 @@ fn quantiles_are_the_share_of_finer_mass_and_of_half_the_grain_itself() {
     assert!((all - 50.0).abs() < 1e-9, "equal grains are asked for everywhere alike: {all}");
 }
 
-proptest! {
+properties! {
     /// Else the gradient would drift with no end.
     #[test]
     fn an_exchange_and_its_reverse_cancel(

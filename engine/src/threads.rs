@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
-use std::thread;
+use std::thread::{self, Scope};
 
 use crate::memory::probe;
 
@@ -12,7 +12,7 @@ use crate::memory::probe;
 const BYTES_TO_START: usize = 130 << 20;
 
 /// Whether there is address space for one more thread.
-pub(crate) fn may_start_one() -> bool {
+fn may_start_one() -> bool {
     probe(BYTES_TO_START).is_ok()
 }
 
@@ -33,13 +33,22 @@ pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl
         }
     };
     thread::scope(|scope| {
-        for _ in 0..others {
-            if !may_start_one() || thread::Builder::new().spawn_scoped(scope, work_on).is_err() {
-                break;
-            }
-        }
+        start(scope, others, &work_on);
         work_on();
     });
+}
+
+/// Starts so many threads for the same work, or as many as the system has room for.
+pub(crate) fn start<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    threads: usize,
+    work: &'scope (dyn Fn() + Sync),
+) {
+    for _ in 0..threads {
+        if !may_start_one() || thread::Builder::new().spawn_scoped(scope, work).is_err() {
+            return;
+        }
+    }
 }
 
 #[cfg(test)]

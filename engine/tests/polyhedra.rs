@@ -41,7 +41,7 @@ fn farthest(corners: &[Vector3<f64>], from: Vector3<f64>) -> f64 {
     corners.iter().map(|corner| (corner - from).norm()).fold(0.0, f64::max)
 }
 
-/// Whether a face of one, or an edge of each, parts two bodies, the second moved.
+/// Whether the line of centres, a face of one, or an edge of each parts two bodies, the second moved.
 fn are_apart(a: &Features, b: &Features, moved: Vector3<f64>) -> bool {
     let parts = |n: &Vector3<f64>| {
         let range = |of: &Features| {
@@ -52,7 +52,9 @@ fn are_apart(a: &Features, b: &Features, moved: Vector3<f64>) -> bool {
         let by = moved.dot(n);
         a_high <= b_low + by || b_high + by <= a_low
     };
-    (b.ball.0 + moved - a.ball.0).norm() > a.ball.1 + b.ball.1
+    let between = b.ball.0 + moved - a.ball.0;
+    between.norm() > a.ball.1 + b.ball.1
+        || parts(&between)
         || a.normals.iter().chain(&b.normals).any(parts)
         || a.edges
             .iter()

@@ -6,6 +6,7 @@
 use crate::elementary::powf;
 use crate::mix::class::Law;
 use crate::mix::{GradedMix, sphere_volume};
+use crate::sorting;
 
 /// Diameters per curve, evenly spaced in the logarithm; the sieves come on top.
 const POINTS: usize = 160;
@@ -52,7 +53,7 @@ impl SizedGrain {
 /// The grading of grains beside that of the mix they were drawn from.
 pub fn grading(grains: Vec<SizedGrain>, mix: &GradedMix) -> GradingCurve {
     let mut edges: Vec<f64> = mix.sieve_classes.iter().flat_map(|c| [c.low_mm, c.high_mm]).collect();
-    edges.sort_unstable_by(f64::total_cmp);
+    sorting::ascending(&mut edges);
     edges.dedup();
     let target = Target::new(mix);
     let achieved = Cumulative::new(grains);
@@ -70,7 +71,7 @@ pub fn grading(grains: Vec<SizedGrain>, mix: &GradedMix) -> GradingCurve {
         // Equal grains make a step: the curve has to stand below it too.
         diameters.extend(edges.iter().map(|d| d * (1.0 - 1.0e-9)));
     }
-    diameters.sort_unstable_by(f64::total_cmp);
+    sorting::ascending(&mut diameters);
     diameters.dedup();
     GradingCurve {
         sieves: edges.into_iter().map(at).collect(),
@@ -126,7 +127,7 @@ struct Cumulative {
 
 impl Cumulative {
     fn new(mut grains: Vec<SizedGrain>) -> Self {
-        grains.sort_by(|a, b| a.size_mm.total_cmp(&b.size_mm));
+        sorting::by_number(&mut grains, |grain| grain.size_mm);
         let mut above_mm3 = vec![0.0; grains.len() + 1];
         for (i, grain) in grains.iter().enumerate().rev() {
             above_mm3[i] = above_mm3[i + 1] + grain.volume_mm3;

@@ -24,6 +24,7 @@ use crate::distance::DistanceRule;
 use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;
 use crate::request::Specimen;
+use crate::sorting;
 
 /// What to count.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +140,7 @@ fn classes(
         .into_iter()
         .map(|mut members| {
             // Grains come from the largest down, as far as rounding lets equivalent diameters tell.
-            members.sort_by(|p, q| q.grain[3].total_cmp(&p.grain[3]));
+            sorting::by_number(&mut members, |member| -member.grain[3]);
             let fold = |f: fn(f64, f64) -> f64, from| members.iter().map(|m| m.grain[3]).fold(from, f);
             let (smallest, largest) = (fold(f64::min, f64::INFINITY), fold(f64::max, 0.0));
             let clearance_of = |member: &Member| clearance(rule, member);

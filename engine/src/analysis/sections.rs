@@ -19,6 +19,7 @@ use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, Place, Skin, SkinPoint};
 use crate::packing::{GrainsRef, Solids};
 use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
+use crate::sorting;
 
 /// Most of the angle that a polygon around a rounded edge or corner turns by.
 const MOST_ANGLE: f64 = 0.2;
@@ -184,7 +185,7 @@ impl PolyhedronBelow<'_> {
         let first_above = |height: f64| (((height - first_mm) / step_mm).ceil().max(0.0) as usize).min(count);
         for (corners, area) in self.template.triangles.iter().zip(&self.template.areas) {
             let mut heights = corners.each(|corner| self.heights_mm[corner as usize]);
-            heights.sort_unstable_by(f64::total_cmp);
+            sorting::ascending(&mut heights);
             let area = area.dot(&self.areas_along);
             let above = first_above(heights[2]);
             for (k, volume) in volumes.iter_mut().enumerate().take(above).skip(first_above(heights[0])) {

@@ -23,6 +23,7 @@ use crate::packing::{GrainsRef, SegregationReport, Separation, SeparationAcross,
 use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace};
 use crate::rng::{Stream, stream, uniform};
 use crate::segregation::share_of_field;
+use crate::sorting;
 use crate::specimen::Region;
 
 /// Permutations of the sizes.
@@ -134,10 +135,9 @@ impl Thirds {
             }
         }
         let mut thirds = Self { order: (0..d_mm.len() as u32).collect(), coarsest, finest };
-        let weight: Vec<f64> = (0..d_mm.len()).map(|i| thirds.weight(i).abs()).collect();
-        thirds.order.sort_unstable_by(|&i, &j| {
-            weight[j as usize].total_cmp(&weight[i as usize]).then_with(|| i.cmp(&j))
-        });
+        let mut order = std::mem::take(&mut thirds.order);
+        sorting::by_number(&mut order, |&grain| -thirds.weight(grain as usize).abs());
+        thirds.order = order;
         thirds
     }
 
@@ -186,6 +186,19 @@ impl Measured {
 /// The orders of the cosines in a product, by field; 0 where the field is left out.
 type Orders = [u32; 4];
 
+/// Cosines and sines of so many half turns, by their number, times a share of a field.
+struct Turns {
+    cosines: [f64; 3],
+    sines: [f64; 3],
+}
+
+impl Turns {
+    fn of(share: f64) -> Self {
+        let angles = [0.0, 1.0, 2.0].each(|order| PI * order * share);
+        Self { cosines: angles.each(cos), sines: angles.each(sin) }
+    }
+}
+
 /// The products that the structure factor is measured with, and the squares of wave numbers times the mean diameter of
 /// the coarsest third: of the products and of the fields.
 struct Products {
@@ -221,15 +234,21 @@ impl Products {
                 for (sum, slope) in of_fields.iter_mut().zip(&slopes) {
                     *sum += slope.iter().map(|x| x * x).sum::<f64>();
                 }
+                let turns: Vec<Turns> = shares.iter().map(|share| Turns::of(*share)).collect();
                 for (orders, sums) in orders.iter().zip(&mut of_products) {
-                    let angle = |f: usize| PI * f64::from(orders[f]) * shares[f];
-                    let value: f64 = (0..fields.len()).map(|f| cos(angle(f))).product();
+                    let order = |f: usize| orders[f] as usize;
+                    let value: f64 = (0..fields.len()).map(|f| turns[f].cosines[order(f)]).product();
                     let slope = |axis: usize| -> f64 {
                         (0..fields.len())
                             .map(|f| {
-                                let others: f64 =
-                                    (0..fields.len()).filter(|&g| g != f).map(|g| cos(angle(g))).product();
-                                -PI * f64::from(orders[f]) * sin(angle(f)) * slopes[f][axis] * others
+                                let others: f64 = (0..fields.len())
+                                    .filter(|&g| g != f)
+                                    .map(|g| turns[g].cosines[order(g)])
+                                    .product();
+                                -PI * f64::from(orders[f])
+                                    * turns[f].sines[order(f)]
+                                    * slopes[f][axis]
+                                    * others
                             })
                             .sum()
                     };
@@ -312,20 +331,25 @@ fn permute(
     let n = thirds.order.len();
     let dealt = n.min(DEALT);
     let weights: Vec<f64> = thirds.order.iter().map(|&grain| thirds.weight(grain as usize)).collect();
-    let weight_moments = Moments::of(weights.iter().copied());
-    let rest = Moments::of(weights[dealt..].iter().copied());
-    // All functions of the place: shares of fields, then products. Single precision is enough for sums that are
-    // compared with one another, and halves the memory.
+    let weight_moments = Moments::of(&weights);
+    let rest = Moments::of(&weights[dealt..]);
+    // All functions of the place, shares of fields and then products, row by row of one place each: sums of all
+    // functions are made side by side. Single precision is enough for sums that are compared with one another, and
+    // halves the memory.
     let fields = measured.len();
-    let mut values: Vec<Vec<f32>> =
-        measured.iter().map(|field| field.shares.iter().map(|share| *share as f32).collect()).collect();
-    values.extend(products.orders.iter().map(|orders| -> Vec<f32> {
-        (0..n).map(|grain| Products::at(orders, measured, grain) as f32).collect()
-    }));
-    let functions = values.len();
-    let at = |function: usize, grain: u32| f64::from(values[function][grain as usize]);
-    let all: Vec<Moments> =
-        values.iter().map(|values| Moments::of(values.iter().map(|value| f64::from(*value)))).collect();
+    let functions = fields + products.orders.len();
+    let mut values = Vec::with_capacity(n * functions);
+    for grain in 0..n {
+        values.extend(measured.iter().map(|field| field.shares[grain] as f32));
+        values.extend(products.orders.iter().map(|orders| Products::at(orders, measured, grain) as f32));
+    }
+    let row = |grain: u32| &values[grain as usize * functions..][..functions];
+    let mut all = vec![Moments::default(); functions];
+    for grain in 0..n as u32 {
+        for (all, value) in all.iter_mut().zip(row(grain)) {
+            all.add(f64::from(*value));
+        }
+    }
     // A function that is constant but for rounding, as a cosine across the field of grains on a line along it, has a
     // sum of rounding errors, which must not be compared with the difference.
     let spread_of = |all: &Moments| if all.spread() > ROUNDING * n as f64 { all.spread() } else { 0.0 };
@@ -336,38 +360,51 @@ fn permute(
             sums.iter().zip(&spread).map(|(x, v)| if *v > 0.0 { x * x / v } else { 0.0 }).collect();
         products.statistics(&squares[..fields], &squares[fields..])
     };
-    let sums: Vec<f64> = (0..functions)
-        .map(|f| {
-            let sum: f64 = thirds.order.iter().zip(&weights).map(|(&g, w)| w * at(f, g)).sum();
-            if sum.abs() > ROUNDING { sum } else { 0.0 }
-        })
-        .collect();
+    let mut sums = vec![0.0; functions];
+    for (&grain, weight) in thirds.order.iter().zip(&weights) {
+        add_weighted(&mut sums, row(grain), *weight);
+    }
+    for sum in &mut sums {
+        *sum = if sum.abs() > ROUNDING { *sum } else { 0.0 };
+    }
     let found = statistics(&sums);
     let mut places: Vec<u32> = (0..n as u32).collect();
     let mut beyond = vec![0; fields];
-    let mut dealt_sums = vec![0.0; functions];
     for _ in 0..PERMUTATIONS {
         // The first places of a random order; that of the last time is as good to start from as any.
         for k in 0..dealt {
             let other = k + (uniform(rng) * (n - k) as f64) as usize;
             places.swap(k, other);
         }
-        for (f, sum) in dealt_sums.iter_mut().enumerate() {
-            let taken = || places[..dealt].iter().map(|&place| at(f, place));
-            *sum = taken().zip(&weights).map(|(value, weight)| value * weight).sum();
-            if dealt < n {
-                *sum += rest.normal_sum(&all[f].without(&Moments::of(taken())), rng);
+        let mut sums = vec![0.0; functions];
+        let mut taken = vec![Moments::default(); functions];
+        for (&place, weight) in places.iter().zip(&weights[..dealt]) {
+            add_weighted(&mut sums, row(place), *weight);
+            for (taken, value) in taken.iter_mut().zip(row(place)) {
+                taken.add(f64::from(*value));
             }
         }
-        for ((beyond, found), value) in beyond.iter_mut().zip(&found).zip(statistics(&dealt_sums)) {
+        if dealt < n {
+            for ((sum, all), taken) in sums.iter_mut().zip(&all).zip(&taken) {
+                *sum += rest.normal_sum(&all.without(taken), rng);
+            }
+        }
+        for ((beyond, found), value) in beyond.iter_mut().zip(&found).zip(statistics(&sums)) {
             *beyond += u32::from(value >= found * (1.0 - ROUNDING));
         }
     }
     beyond
 }
 
+/// Adds the values of functions times a weight to their sums.
+fn add_weighted(sums: &mut [f64], values: &[f32], weight: f64) {
+    for (sum, value) in sums.iter_mut().zip(values) {
+        *sum += f64::from(*value) * weight;
+    }
+}
+
 /// Number, sum and sum of squares.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Moments {
     n: f64,
     sum: f64,
@@ -375,9 +412,18 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(values: impl Iterator<Item = f64>) -> Self {
-        let zero = Self { n: 0.0, sum: 0.0, squares: 0.0 };
-        values.fold(zero, |m, x| Self { n: m.n + 1.0, sum: m.sum + x, squares: m.squares + x * x })
+    fn of(values: &[f64]) -> Self {
+        let mut moments = Self::default();
+        for value in values {
+            moments.add(*value);
+        }
+        moments
+    }
+
+    fn add(&mut self, x: f64) {
+        self.n += 1.0;
+        self.sum += x;
+        self.squares += x * x;
     }
 
     fn without(&self, part: &Self) -> Self {

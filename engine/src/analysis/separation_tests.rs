@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 
 use super::*;
@@ -194,7 +195,7 @@ fn a_lateral_surface_is_a_field_with_three_controls() {
     }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     #[test]
     fn thirds_have_a_third_of_the_mass_each(sizes in prop::collection::vec(1..6_u8, 1..60)) {

@@ -145,6 +145,7 @@ pub(super) fn norm(a: &Vector) -> DoubleDouble {
 
 #[cfg(test)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
@@ -159,7 +160,7 @@ mod tests {
         })
     }
 
-    proptest! {
+    properties! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
         /// Identities that hold exactly in real numbers, against the bounds on the errors of their operations.
         #[test]

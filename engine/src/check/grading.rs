@@ -22,6 +22,7 @@ use crate::elementary::{ln, powf};
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::standard;
 use crate::request::{Grading, Mix, MixPart, PackingRequest, Specimen, VolumeFractionOf};
+use crate::sorting;
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
@@ -210,7 +211,7 @@ fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport>
     let parts = mix.parts();
     let of_parts: Vec<Vec<ClassReport>> = parts.iter().map(|part| asked(mix, part, specimen_mm3).0).collect();
     let mut edges: Vec<f64> = of_parts.iter().flatten().flat_map(|c| [c.d_min_mm, c.d_max_mm]).collect();
-    edges.sort_unstable_by(f64::total_cmp);
+    sorting::ascending(&mut edges);
     edges.dedup();
     let Some(&finest) = edges.first() else { return Vec::new() };
     // Equal grains that are finer than all others have a class of their own.
@@ -281,7 +282,7 @@ fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassR
     let least = |part: &MixPart<'_>| part.d_min_mm.unwrap_or(0.0);
     if let Grading::Diameters { diameters_mm } = part.grading {
         let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least(part)).collect();
-        list.sort_unstable_by(|a, b| b.total_cmp(a));
+        sorting::descending(&mut list);
         let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
         let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
         for &d in &list {
@@ -351,7 +352,7 @@ fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
 fn check_list(grains: Grains<'_>, list: &[f64]) -> Result<(), String> {
     let mut found: Vec<(f64, f64)> =
         (0..grains.len()).map(|row| (grains.get(row).0, grains.size_error(row))).collect();
-    found.sort_unstable_by(|(a, _), (b, _)| b.total_cmp(a));
+    sorting::by_number(&mut found, |(size, _)| -size);
     if found.len() != list.len() {
         return Err(format!("{} grains instead of {}", found.len(), list.len()));
     }

@@ -17,6 +17,7 @@ use nalgebra::Vector3;
 use crate::arrays;
 use crate::elementary::{cos, sin, sin_cos};
 use crate::shape::Polyhedron;
+use crate::sorting;
 
 /// Rings of latitude on the half sphere; as far apart as the directions on them.
 const RINGS: usize = 26;
@@ -46,7 +47,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
     let mut outlines = Body::new(body);
     let mut best = f64::INFINITY;
     let mut widths: Vec<(f64, V)> = directions().map(|axis| (width(corners, &axis), axis)).collect();
-    widths.sort_by(|p, q| p.0.total_cmp(&q.0));
+    sorting::by_number(&mut widths, |(width, _)| *width);
     let mut found: Vec<(f64, V)> = Vec::new();
     for (width, axis) in widths {
         if width > HOPELESS * best {
@@ -56,7 +57,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
         best = best.min(opening);
         found.push((opening, axis));
     }
-    found.sort_by(|p, q| p.0.total_cmp(&q.0));
+    sorting::by_number(&mut found, |(opening, _)| *opening);
     let mut starts: Vec<(f64, V)> = Vec::new();
     for candidate in found {
         if starts.len() < STARTS && starts.iter().all(|start| start.1.dot(&candidate.1).abs() < cos(APART)) {
@@ -66,7 +67,7 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
     let mut search = |start: (f64, V), from: f64, to: f64| descend(&mut outlines, start, [from, to]);
     let mut coarse: Vec<(f64, V)> =
         starts.into_iter().map(|start| search(start, STEPS[0], STEPS[1])).collect();
-    coarse.sort_by(|p, q| p.0.total_cmp(&q.0));
+    sorting::by_number(&mut coarse, |(opening, _)| *opening);
     let bound = FINISHED * coarse.first().map_or(f64::INFINITY, |start| start.0);
     let close = coarse.into_iter().take_while(|start| start.0 <= bound);
     let fine = close.map(|start| search(start, STEPS[1], STEPS[2]).0);

@@ -1,5 +1,6 @@
 use std::cell::Cell;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -47,7 +48,7 @@ fn operations<S: InstructionSet>(set: S, x: [f64; 4], y: [f64; 4]) -> Vec<[u64; 
     found
 }
 
-proptest! {
+properties! {
     #[test]
     fn operations_have_the_same_bits_in_every_set(
         x in prop::array::uniform4(-1e9..1e9_f64), y in prop::array::uniform4(prop_oneof![-2.0..2.0_f64, Just(0.0)]),

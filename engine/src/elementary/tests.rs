@@ -1,5 +1,6 @@
 use std::f64::consts::{E, FRAC_PI_6, PI};
 
+use crate::properties::properties;
 use proptest::prelude::*;
 
 use super::*;
@@ -70,7 +71,7 @@ fn is_near(own: f64, standard: f64) -> bool {
         || (own.to_bits().cast_signed() - standard.to_bits().cast_signed()).abs() <= 1
 }
 
-proptest! {
+properties! {
     #[test]
     fn functions_of_any_number_are_those_of_the_standard_library(bits in any::<u64>()) {
         let x = f64::from_bits(bits);

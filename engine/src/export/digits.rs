@@ -147,6 +147,7 @@ pub(super) fn push_whole(text: &mut Vec<u8>, mut value: u64) {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
@@ -178,7 +179,7 @@ mod tests {
         }
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn numbers_read_back_to_ten_digits(x in prop::num::f64::NORMAL) {
             let read: f64 = number(x).parse().unwrap();
@@ -192,7 +193,7 @@ mod tests {
         }
 
         #[test]
-        fn whole_numbers_read_back(x: u64, shift in 0_u32..64) {
+        fn whole_numbers_read_back(x in any::<u64>(), shift in 0_u32..64) {
             let x = x >> shift;
             let mut text = Vec::new();
             push_whole(&mut text, x);

@@ -3,9 +3,9 @@
 use std::iter;
 use std::num::NonZeroUsize;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, Scope};
+use std::thread;
 
-use crate::threads::may_start_one;
+use crate::threads::start;
 
 /// Slots for each thread: of one piece under way and of one that waits to be taken.
 pub(super) const SLOTS_PER_THREAD: usize = 2;
@@ -82,7 +82,7 @@ impl<'a, S, E> Shared<'a, S, E> {
     }
 
     /// Makes pieces for as long as there are any.
-    fn work(&self, make: &impl Fn(usize, &mut S) -> Result<(), E>) {
+    fn work(&self, make: &Make<'_, S, E>) {
         let end = EndOnDrop(self);
         let mut state = self.lock();
         while !state.ended && state.claimed < state.pieces {
@@ -126,6 +126,19 @@ pub(super) fn in_order<S: Send, E: Send>(
     make: impl Fn(usize, &mut S) -> Result<(), E> + Sync,
     mut take: impl FnMut(usize, &mut S) -> Result<(), E>,
 ) -> Result<(), E> {
+    run(slots, pieces, &make, &mut take)
+}
+
+type Make<'f, S, E> = dyn Fn(usize, &mut S) -> Result<(), E> + Sync + 'f;
+type Take<'f, S, E> = dyn FnMut(usize, &mut S) -> Result<(), E> + 'f;
+
+/// [`in_order`], compiled once for all that is made in the same slots.
+fn run<S: Send, E: Send>(
+    slots: &mut [S],
+    pieces: usize,
+    make: &Make<'_, S, E>,
+    take: &mut Take<'_, S, E>,
+) -> Result<(), E> {
     let others = (slots.len() / SLOTS_PER_THREAD).min(pieces).saturating_sub(1);
     let slots = slots.iter_mut().map(Slot::Free).collect();
     let shared = Shared {
@@ -133,9 +146,10 @@ pub(super) fn in_order<S: Send, E: Send>(
         made: Condvar::new(),
         free: Condvar::new(),
     };
+    let work = || shared.work(make);
     thread::scope(|scope| {
         let _end = EndOnDrop(&shared);
-        spawn(scope, others, &shared, &make);
+        start(scope, others, &work);
         let mut state = shared.lock();
         while state.taken < pieces {
             let piece = state.taken;
@@ -163,19 +177,6 @@ pub(super) fn in_order<S: Send, E: Send>(
         }
         Ok(())
     })
-}
-
-fn spawn<'scope, S: Send, E: Send>(
-    scope: &'scope Scope<'scope, '_>,
-    threads: usize,
-    shared: &'scope Shared<'_, S, E>,
-    make: &'scope (impl Fn(usize, &mut S) -> Result<(), E> + Sync),
-) {
-    for _ in 0..threads {
-        if !may_start_one() || thread::Builder::new().spawn_scoped(scope, || shared.work(make)).is_err() {
-            return;
-        }
-    }
 }
 
 #[cfg(test)]

@@ -304,6 +304,7 @@ pub(super) fn quadratic(inverse: &Matrix3<f64>, from_center: &Vector3<f64>) -> f
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use crate::properties::properties;
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
 
@@ -315,7 +316,7 @@ mod tests {
         Solids::of_ellipsoids(vec![Ellipsoid::new(axes).unwrap()], vec![pose])
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn the_ends_of_chords_lie_on_the_surface(
             axes in prop::array::uniform3(0.3..3.0_f64), angles in prop::array::uniform3(-3.0..3.0_f64),

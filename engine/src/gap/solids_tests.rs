@@ -1,5 +1,6 @@
 use std::f64::consts::PI;
 
+use crate::properties::properties;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -150,7 +151,7 @@ fn pair(rng: &mut Rng, template: &Polyhedron, gap_share: f64) -> (Ellipsoid, Pos
     (a, of_a, scale, Pose { center_mm, ..of_b })
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
     /// Gaps are those of brute force, and every one that is not longer is proven by a direction, whichever comes first.

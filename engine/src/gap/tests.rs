@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use crate::properties::properties;
 use nalgebra::{Matrix2, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -317,7 +318,7 @@ fn the_reach_is_exact() {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn every_direction_is_a_lower_bound(
         axes in prop::array::uniform3(0.2..2.0_f64),

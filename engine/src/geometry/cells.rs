@@ -279,6 +279,7 @@ impl Octaves {
 mod tests {
     use std::collections::BTreeSet;
 
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
@@ -302,7 +303,7 @@ mod tests {
         distance2.sqrt() - (spheres.d_mm[i] + spheres.d_mm[j]) / 2.0
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn pairs_and_neighbours_in_reach_are_found(
             spheres in spheres(), reach in 0.0..3.0_f64, sorted_for in 0.0..2.0_f64,

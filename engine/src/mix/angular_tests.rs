@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::needless_pass_by_value)]
 
+use crate::properties::properties;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -223,7 +224,7 @@ fn other_shapes_are_never_drawn_in_place_of_polyhedra() {
     assert!(matches!(stopped, Err(PackError::Stopped { .. })));
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(48))]
     #[test]
     fn the_total_misses_by_less_than_one_grain(

@@ -11,6 +11,7 @@ use super::{GradedMix, sphere_volume};
 use crate::elementary::log10;
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::{FieldError, Mix};
+use crate::sorting;
 
 /// Largest deviation of the total volume, and of that of a size class, as a share of what is requested.
 pub const MAX_DEVIATION: f64 = 0.05;
@@ -111,7 +112,7 @@ pub(crate) fn class_warning(classes: &[ClassReport]) -> Option<String> {
     if off.is_empty() {
         return None;
     }
-    off.sort_by(|a, b| deviation(b).abs().total_cmp(&deviation(a).abs()));
+    sorting::by_number(&mut off, |class| -deviation(class).abs());
     let named: Vec<String> = off
         .iter()
         .take(NAMED_CLASSES)

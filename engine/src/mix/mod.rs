@@ -16,6 +16,7 @@ mod templates;
 
 use crate::elementary::{cbrt, ln, powf};
 use crate::request::{Grading, GrainKind, Mix, VolumeFractionOf, standard};
+use crate::sorting;
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};
@@ -111,7 +112,7 @@ impl GradedMix {
     fn from_list(mm: &[f64], mix: &Mix, specimen_volume_mm3: f64) -> Self {
         let mut list: Vec<f64> =
             mm.iter().copied().filter(|&d| mix.d_min_mm.is_none_or(|m| d >= m)).collect();
-        list.sort_unstable_by(|a, b| b.total_cmp(a));
+        sorting::descending(&mut list);
         let shapes = ShapeSampler::new(mix, &[], Some(&list));
         let all: f64 = mm.iter().map(|&d| expected_volume_mm3(d, shapes.as_ref())).sum();
         let kept: f64 = list.iter().map(|&d| expected_volume_mm3(d, shapes.as_ref())).sum();

@@ -9,6 +9,7 @@ use crate::packing::Solids;
 use crate::request::FieldError;
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, SizeMeasure, Solid};
+use crate::sorting;
 
 /// Draws between two looks at whether to stop: about a millisecond.
 const DRAWS_PER_LOOK: usize = 1 << 14;
@@ -65,7 +66,7 @@ pub fn sample(
         ends.push(diameters.len());
     }
     if !mix.has_aggregates {
-        diameters.sort_unstable_by(|a, b| b.total_cmp(a));
+        sorting::descending(&mut diameters);
         return Ok(Diameters { d_mm: diameters, parts: Vec::new() });
     }
     let part_of = |row: usize| ends.partition_point(|&end| end <= row) as u16;

@@ -13,6 +13,7 @@ use super::templates::Templates;
 use crate::request::{GrainKind, Mix, MixPart, PlainShape};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure, Solid};
+use crate::sorting;
 
 /// Grains of a law that are looked at where one that fits is looked for.
 const TRIALS: usize = 64;
@@ -269,7 +270,7 @@ impl<'a> Curve<'a> {
         match list {
             Some(list) => {
                 let mut sizes = list.to_vec();
-                sizes.sort_unstable_by(f64::total_cmp);
+                sorting::ascending(&mut sizes);
                 let volumes = sizes.iter().map(|&d| sphere_volume(d)).scan(0.0, summed).collect();
                 Self::List(sizes, volumes)
             }

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::needless_pass_by_value)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -188,7 +189,7 @@ fn the_largest_mixtures_of_laws_are_resolved_soon() {
     assert!(graded.expected_grains() > 100.0);
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
     fn the_total_misses_by_less_than_one_grain(

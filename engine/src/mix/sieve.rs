@@ -6,6 +6,8 @@
 use super::GradedMix;
 use super::class::{Class, Law};
 
+use crate::sorting;
+
 /// Standard sieves (ISO 565 principal sizes as concrete labs use them), in mm.
 const STANDARD_SIEVES_MM: [f64; 13] =
     [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
@@ -52,7 +54,7 @@ pub fn sieve_classes(mix: &GradedMix) -> Vec<SieveClass> {
 fn divided(mix: &GradedMix, asked: impl Fn(&Class) -> SieveClass) -> Vec<SieveClass> {
     let mut edges: Vec<f64> =
         mix.sieve_classes.iter().flat_map(|class| [class.low_mm, class.high_mm]).collect();
-    edges.sort_unstable_by(f64::total_cmp);
+    sorting::ascending(&mut edges);
     edges.dedup();
     let is_single = |class: &&Class| class.low_mm == class.high_mm;
     let singles = mix.sieve_classes.iter().filter(is_single).map(|class| class.low_mm);

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::needless_pass_by_value)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -162,7 +163,7 @@ fn sieve_classes_hold_the_whole_volume() {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn the_take_misses_by_less_than_one_grain_and_stays_in_range(
         exponent in 0.05..1.0_f64, ratio in 1.2..20.0_f64, fraction in 0.05..0.6_f64, seed in 0_u64..1000,
@@ -183,7 +184,7 @@ proptest! {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn sizes_of_a_list_keep_its_grains_and_their_volume(
         mut mm in prop::collection::vec(0.1..50.0_f64, 1..3000),

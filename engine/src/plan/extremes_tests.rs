@@ -1,6 +1,7 @@
 //! Whatever a request may say, however extreme, its plan is a refusal or finite figures.
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -239,7 +240,7 @@ fn a_class_whose_share_is_the_least_float_has_a_plan_of_finite_figures() {
     assert_eq!(plan.classes[0].grains, 0.0);
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(4000))]
     #[test]
     fn an_extreme_request_has_a_plan_of_finite_figures_or_a_refusal(document in request()) {

@@ -15,6 +15,7 @@ use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::request::{GrainKind, PackingRequest, Specimen};
 use crate::shape::{Ellipsoid, ScaledPolyhedron, SizeMeasure};
+use crate::sorting;
 
 /// Densest packing known of equal ellipsoids (Donev, Stillinger, Chaikin and Torquato, Phys. Rev. Lett. 92, 255506,
 /// 2004, DOI 10.1103/PhysRevLett.92.255506: 0.7707), rounded up.
@@ -176,7 +177,7 @@ fn fits(grain: &Ellipsoid, specimen: &Specimen, rule: &DistanceRule) -> bool {
         // eigenvalues a², b², c²: all that these majorize (Schur and Horn).
         Specimen::Box { size_mm, .. } => {
             let mut room = size_mm.map(|length| (length / 2.0 - wall).max(0.0).powi(2));
-            room.sort_by(f64::total_cmp);
+            sorting::ascending(&mut room);
             c * c <= room[0]
                 && b * b + c * c <= room[0] + room[1]
                 && a * a + b * b + c * c <= room.iter().sum()
@@ -207,7 +208,7 @@ fn may_fit(
         }
         Specimen::Box { size_mm, .. } => {
             let mut room = size_mm.map(|length| (length - walls) * (1.0 + ROUNDING));
-            room.sort_by(f64::total_cmp);
+            sorting::ascending(&mut room);
             let diagonal = room.iter().map(|length| length.max(0.0).powi(2)).sum::<f64>().sqrt();
             thin(room[0])
                 && grain.template.length() * grain.scale_mm <= diagonal

@@ -6,6 +6,8 @@ use super::{
     MIN_SHARE, SizeClass, StandardCurve, standard,
 };
 
+use crate::sorting;
+
 /// A diameter, a sieve or an edge.
 pub(super) const LENGTH: Bound = Bound::closed(MIN_LENGTH_MM, MAX_LENGTH_MM, "mm");
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
@@ -202,7 +204,7 @@ fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
         return None;
     }
     let mut order: Vec<usize> = (0..classes.len()).collect();
-    order.sort_by(|&i, &j| classes[i].d_min_mm.total_cmp(&classes[j].d_min_mm));
+    sorting::by_number(&mut order, |&i| classes[i].d_min_mm);
     for pair in order.windows(2) {
         let (lower, upper) = (&classes[pair[0]], &classes[pair[1]]);
         if upper.d_min_mm < lower.d_max_mm {
@@ -213,7 +215,7 @@ fn read_classes(at: &At<'_>) -> Option<Vec<SizeClass>> {
             return None;
         }
     }
-    classes.sort_by(|a, b| a.d_min_mm.total_cmp(&b.d_min_mm));
+    sorting::by_number(&mut classes, |class| class.d_min_mm);
     Some(classes)
 }
 

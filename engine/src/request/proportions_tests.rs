@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -179,7 +180,7 @@ fn a_plan_that_cannot_be_points_at_the_content() {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn every_content_is_written_as_it_is_read(
         // The greatest of all together have 0.91 of the volume.

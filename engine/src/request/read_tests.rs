@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::too_many_lines, clippy::semicolon_if_nothing_returned)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -318,7 +319,7 @@ fn edmd_options() -> impl Strategy<Value = EdmdOptions> {
         })
 }
 
-proptest! {
+properties! {
     #[test]
     fn every_growth_is_written_as_it_is_read(options in edmd_options(), wall_gap_mm in some(0.0..=10.0)) {
         let mut request = PackingRequest::from_json(&valid(), 1).unwrap();

@@ -5,6 +5,7 @@
 //! Functions (<https://dlmf.nist.gov/19.21>). Arguments are positive and finite.
 
 use crate::elementary::powf;
+use crate::sorting;
 
 /// Relative error of the truncated series.
 const TOLERANCE: f64 = 1.0e-17;
@@ -71,7 +72,7 @@ pub(super) fn rd(mut x: f64, mut y: f64, mut z: f64) -> f64 {
 pub(super) fn rg(x: f64, y: f64, z: f64) -> f64 {
     // With the middle argument in the third place no terms cancel.
     let mut sorted = [x, y, z];
-    sorted.sort_by(f64::total_cmp);
+    sorting::ascending(&mut sorted);
     let [x, z, y] = sorted;
     (z * rf(x, y, z) - (x - z) * (y - z) * rd(x, y, z) / 3.0 + (x / z * y).sqrt()) / 2.0
 }

@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::carlson::rg;
 use super::{Form, Pose, Zingg};
 use crate::elementary::cbrt;
+use crate::sorting;
 
 /// An ellipsoid by its semi-axes `a >= b >= c`, which lie along x, y and z of the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,7 +19,7 @@ impl Ellipsoid {
     /// An ellipsoid by its semi-axes in mm, in any order; `None` unless all are finite and positive.
     #[must_use]
     pub fn new(mut semi_axes_mm: [f64; 3]) -> Option<Self> {
-        semi_axes_mm.sort_by(|p, q| q.total_cmp(p));
+        sorting::descending(&mut semi_axes_mm);
         let valid = semi_axes_mm.iter().all(|axis| axis.is_finite() && *axis > 0.0);
         valid.then(|| Self { semi_axes_mm: semi_axes_mm.into() })
     }

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::Ellipsoid;
 use crate::elementary::cbrt;
+use crate::sorting;
 
 /// Boundary between the classes of Zingg.
 const ZINGG_BOUNDARY: f64 = 2.0 / 3.0;
@@ -24,7 +25,7 @@ impl Form {
     /// The form of a grain with three axes of these lengths, in any order and unit.
     #[must_use]
     pub fn of_axes(mut axes: [f64; 3]) -> Self {
-        axes.sort_by(|p, q| q.total_cmp(p));
+        sorting::descending(&mut axes);
         let [a, b, c] = axes;
         Self { elongation: b / a, flatness: c / b }
     }

@@ -23,6 +23,7 @@ use super::{Counter, Moments, QualityError, evenly};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::elementary::{exp, ln, powf};
+use crate::sorting;
 
 /// Gap of near pairs above the smallest gap, in units of `d_min + g_min`.
 pub const NEAR: f64 = 0.05;
@@ -119,7 +120,7 @@ pub(super) fn gaps(near: &Near<'_>, control: &dyn Control) -> Result<Option<GapF
         counter.look(done)?;
         gaps_mm.extend(near.nearest_gap_mm(row));
     }
-    gaps_mm.sort_by(f64::total_cmp);
+    sorting::ascending(&mut gaps_mm);
     let (Some(&smallest_mm), Some(&d_min_mm)) = (gaps_mm.first(), near.spheres.d_mm.last()) else {
         return Ok(None);
     };

@@ -1,3 +1,4 @@
+use crate::properties::properties;
 use proptest::prelude::*;
 
 use super::*;
@@ -39,7 +40,7 @@ fn known_parts_of_a_sphere() {
     assert!((wide.common_volume([0.0; 3], 1.0) / all - 27.0 / 32.0).abs() < 1e-3);
 }
 
-proptest! {
+properties! {
     /// Eight cuboids around a point share a sphere without a rest.
     #[test]
     fn parts_add_up(

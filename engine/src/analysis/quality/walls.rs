@@ -13,6 +13,7 @@ use crate::control::Control;
 use crate::mix::sphere_volume;
 use crate::packing::Spheres;
 use crate::request::{Boundary, Specimen};
+use crate::sorting;
 
 /// Bounds of the layers are left out beyond this share of the distance from the walls to the middle.
 const DEEPEST: f64 = 0.8;
@@ -52,7 +53,7 @@ pub(super) fn walls(
 ) -> Result<Option<WallFigures>, QualityError> {
     let (Some(&d_max), Some(&d_min)) = (spheres.d_mm.first(), spheres.d_mm.last()) else { return Ok(None) };
     let mut bounds: Vec<f64> = vec![d_min / 2.0, 1.5 * d_min, d_max / 2.0, d_max, 1.5 * d_max];
-    bounds.sort_by(f64::total_cmp);
+    sorting::ascending(&mut bounds);
     bounds.dedup_by(|next, last| *next < APART * *last);
     layers(spheres, classes, specimen, &bounds, control)
 }

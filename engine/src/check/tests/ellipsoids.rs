@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::properties::properties;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -253,7 +254,7 @@ fn spheres_give_the_figures_of_the_sphere_check() {
     }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
     /// Pairs anywhere, of any ratio up to 10:1: the check agrees with the largest `s` of many directions on whether
     /// they overlap, and on how far apart they are where they do not.

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -52,7 +53,7 @@ fn checked(boundary: &str, gap_mm: f64, shapes: &[SolidRef<'_>], poses: &[Pose])
     check_shapes(shapes, poses, &request, SizeMeasure::Equivalent, &Unattended)
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(192))]
 
     /// A grain that keeps its gap to one of the other kind is accepted and one that lies a billionth of its size closer

@@ -4,6 +4,7 @@ mod ellipsoids;
 mod mixed;
 mod polyhedra;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -175,14 +176,14 @@ fn brute_force(spheres: &Spheres, rule: &DistanceRule, period: Option<[f64; 3]>)
     least
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     /// Points thrown anywhere: the check must agree with all pairs on whether they overlap, and on
     /// the smallest distances where they do not.
     #[test]
     fn the_table_sees_what_all_pairs_see(
         seed in 0_u64..1_000_000, n in 2_usize..60, octaves in 0.0..5.0_f64, scale in 0.02..0.6_f64,
-        is_periodic: bool, kind in 0..3, flat: bool,
+        is_periodic in any::<bool>(), kind in 0..3, flat in any::<bool>(),
     ) {
         let mut rng = stream(seed, Stream::Sampling);
         let size = [20.0, 20.0, if flat { 5.0 } else { 20.0 }];
@@ -219,7 +220,7 @@ proptest! {
     }
 }
 
-proptest! {
+properties! {
     /// The check's own formulas of gaps and those that packings are made by say the same.
     #[test]
     fn required_gaps_are_those_of_the_distance_rule(

@@ -14,6 +14,7 @@ use crate::control::Control;
 use crate::elementary::hypot;
 use crate::export::{ExportError, go_on};
 use crate::rng::uniform;
+use crate::sorting;
 
 /// Halvings of a cell of the first grid, after which what is left of it counts as nothing: 1e-12 of its area.
 const MAX_LEVELS: u32 = 20;
@@ -33,7 +34,7 @@ pub(super) fn divide(
 ) -> Vec<[f64; 3]> {
     let mut taken: Vec<(f64, f64)> =
         obstacles.filter_map(|obstacle| obstacle.on_line(grains, edge)).collect();
-    taken.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sorting::by_number(&mut taken, |part| part.0);
     let mut points: Vec<f64> = Vec::new();
     for (from, to) in free_parts(&taken, edge.length) {
         let from = points.last().map_or(from, |last| from.max(last + distance));

@@ -4,6 +4,7 @@
 
 use std::f64::consts::PI;
 
+use crate::properties::properties;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -263,7 +264,7 @@ fn equal_semi_axes_make_the_mesh_of_a_sphere() {
     }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     /// Two ellipsoids at any small gap.
@@ -271,7 +272,7 @@ proptest! {
     fn polyhedra_of_disjoint_ellipsoids_are_disjoint(
         gap_mm in 1e-6..1.0_f64, axes in prop::array::uniform3(1.5..4.5_f64),
         others in prop::array::uniform3(1.0..4.0_f64), angles in prop::array::uniform3(-3.0..3.0_f64),
-        turn in 0.0..6.3_f64, up in -1.5..1.5_f64, scaled: bool,
+        turn in 0.0..6.3_f64, up in -1.5..1.5_f64, scaled in any::<bool>(),
     ) {
         let first = [20.0; 3];
         let direction = Vector3::new(up.cos() * turn.cos(), up.cos() * turn.sin(), up.sin());

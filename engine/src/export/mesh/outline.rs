@@ -6,6 +6,7 @@ use std::collections::HashMap;
 
 use super::shell::Shell;
 use crate::elementary::atan2;
+use crate::sorting;
 
 /// A curve where two faces meet.
 #[derive(Debug)]
@@ -71,7 +72,7 @@ fn chain(shell: &Shell, mut vertices: Vec<u32>) -> Vec<u32> {
     let Some(axis) = shell.axis else {
         // Along an edge one coordinate alone changes.
         let along = |vertex: u32| point(vertex).iter().sum::<f64>();
-        vertices.sort_by(|&a, &b| along(a).total_cmp(&along(b)));
+        sorting::by_number(&mut vertices, |&vertex| along(vertex));
         return vertices;
     };
     let turn = |vertex: u32| {
@@ -79,7 +80,7 @@ fn chain(shell: &Shell, mut vertices: Vec<u32>) -> Vec<u32> {
         let angle = atan2(y - axis[1], x - axis[0]);
         if angle < 0.0 { angle + std::f64::consts::TAU } else { angle }
     };
-    vertices.sort_by(|&a, &b| turn(a).total_cmp(&turn(b)));
+    sorting::by_number(&mut vertices, |&vertex| turn(vertex));
     vertices.push(vertices[0]);
     vertices
 }

@@ -138,9 +138,10 @@ pub(super) const CIRCUMRADIUS: f64 = 0.577;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::properties::properties;
     use proptest::prelude::*;
 
-    proptest! {
+    properties! {
         /// A point at a distance along the normal of a point of the surface.
         #[test]
         fn distances_of_ellipsoids_are_those_along_normals(

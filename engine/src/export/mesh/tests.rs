@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::io::sink;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -390,14 +391,14 @@ fn options_have_defaults_and_bounds() {
     );
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     /// Whatever stands around a grain, its polyhedron is closed, inside its sphere and beside its
     /// neighbour's.
     #[test]
     fn polyhedra_of_disjoint_spheres_are_disjoint(
-        gap in 1e-6..2.0_f64, d in 2.0..9.0_f64, turn in 0.0..6.3_f64, up in -1.5..1.5_f64, scaled: bool,
+        gap in 1e-6..2.0_f64, d in 2.0..9.0_f64, turn in 0.0..6.3_f64, up in -1.5..1.5_f64, scaled in any::<bool>(),
     ) {
         let first = [20.0, 20.0, 20.0];
         let apart = 4.0 + d / 2.0 + gap;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -199,7 +200,7 @@ fn files_of_ellipses_are_about_as_long_as_estimated() {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn clipped_ellipses_add_up_to_whole_ones(
         center in prop::array::uniform3(0.0..10.0_f64), axes in prop::array::uniform3(0.2..4.0_f64),

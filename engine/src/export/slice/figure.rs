@@ -235,6 +235,7 @@ impl Figure {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use crate::properties::properties;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
@@ -266,7 +267,7 @@ mod tests {
         assert!((ellipse.angle_deg() - 30.0).abs() < 1e-9, "{}", ellipse.angle_deg());
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn the_outline_of_a_section_lies_on_the_ellipsoid(
             axes in prop::array::uniform3(0.3..3.0_f64), angles in prop::array::uniform3(-3.0..3.0_f64),

@@ -16,6 +16,7 @@ use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
 use crate::gap::ellipsoids::Body;
 use crate::request::GrainKind;
+use crate::sorting;
 
 /// Elements along the circumference of a circle; the user of the script may say otherwise.
 const SEGMENTS: u32 = 20;
@@ -259,7 +260,7 @@ fn most_radii(cut: &Cut) -> Vec<f64> {
         return vec![0.0; sections.len()];
     }
     let mut order: Vec<usize> = (0..sections.len()).collect();
-    order.sort_by(|&i, &j| sections[i].center_mm[0].total_cmp(&sections[j].center_mm[0]));
+    sorting::by_number(&mut order, |&i| sections[i].center_mm[0]);
     let radius = |i: usize| sections[i].figure.outer_mm();
     let largest = (0..sections.len()).map(radius).fold(0.0, f64::max);
     let mut most: Vec<f64> = sections.iter().map(|section| to_edges(cut, section)).collect();

@@ -90,6 +90,7 @@ fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     #[test]
@@ -106,7 +107,7 @@ mod tests {
         assert!((disc([1.1, 1.2], [1.9, 2.1]) - 0.02).abs() < 1e-15);
     }
 
-    proptest! {
+    properties! {
         /// A rectangle is a polygon.
         #[test]
         fn polygons_share_what_rectangles_do(

@@ -12,6 +12,7 @@ use ::png::{BitDepth, ColorType, Encoder, EncodingError, PixelDimensions, Unit};
 use super::{Cut, Figure, Image, Outline, Section};
 use crate::arrays::Each as _;
 use crate::export::ExportError;
+use crate::sorting;
 
 /// Grey of the matrix.
 const MATRIX: u8 = 255;
@@ -115,7 +116,7 @@ impl<'a> Raster<'a> {
         let [[u0, _], [_, v1]] = cut.outline.bounds_mm();
         let columns = image.pixels[0] as usize;
         let mut waiting: Vec<&Section> = cut.sections.iter().collect();
-        waiting.sort_by(|a, b| top(a).total_cmp(&top(b)));
+        sorting::by_number(&mut waiting, |section| top(section));
         let [pixel_u, pixel_v] = image.pixel_mm;
         Self {
             grid: PixelGrid { columns, u0, pixel_u, pixel_area: pixel_u * pixel_v },

@@ -15,6 +15,7 @@ use super::figure::Span;
 use crate::arrays::Each as _;
 use crate::elementary::{acos, atan2, cos, hypot, sin, sin_cos};
 use crate::geometry::convex::{Convex, Place, directed_edges};
+use crate::sorting;
 
 /// How far the boundary of a rounded grain may lie outside of the polygon, in equivalent diameters.
 pub const TOLERANCE: f64 = 1.0e-4;
@@ -209,7 +210,7 @@ fn sorted(mut corners: Vec<[f64; 2]>, same: f64) -> Option<Vec<[f64; 2]>> {
     let n = corners.len() as f64;
     let middle = [0, 1].each(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / n);
     let angle = |p: &[f64; 2]| atan2(p[1] - middle[1], p[0] - middle[0]);
-    corners.sort_by(|p, q| angle(p).total_cmp(&angle(q)));
+    sorting::by_number(&mut corners, angle);
     let is_same = |p: &[f64; 2], q: &[f64; 2]| hypot(p[0] - q[0], p[1] - q[1]) <= same;
     corners.dedup_by(|p, q| is_same(p, q));
     while corners.len() > 1 && corners.first().zip(corners.last()).is_some_and(|(p, q)| is_same(p, q)) {

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -224,7 +225,7 @@ fn drawings_scripts_and_estimates_have_every_polygon() {
     }
 }
 
-proptest! {
+properties! {
     #[test]
     fn clipped_polygons_add_up_to_whole_ones(
         center in prop::array::uniform3(0.0..10.0_f64), at_mm in 0.0..10.0_f64, rounded in any::<bool>(),

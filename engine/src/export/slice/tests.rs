@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -248,7 +249,7 @@ fn the_script_of_a_cut_has_all_groups() {
     assert!(empty.contains("\"matrix\"") && !empty.contains("\"aggregates\""));
 }
 
-proptest! {
+properties! {
     #[test]
     fn clipped_areas_add_up_to_whole_circles(
         center in prop::array::uniform3(0.0..10.0_f64), d in 0.1..10.0_f64, at_mm in 0.0..10.0_f64,

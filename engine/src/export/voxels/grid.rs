@@ -114,14 +114,15 @@ pub(super) fn ceil_within(x: f64, n: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
 
-    proptest! {
+    properties! {
         #[test]
         fn voxels_are_those_of_the_functions_of_the_library(
-            n in 1_usize..9000, low in -2.0..2.0_f64, length in -0.1..3.0_f64, at_centers: bool,
+            n in 1_usize..9000, low in -2.0..2.0_f64, length in -0.1..3.0_f64, at_centers in any::<bool>(),
         ) {
             let spacing_mm = [0.37; 3];
             let grid = VoxelGrid { shape: [n; 3], spacing_mm, size_mm: [0.37 * n as f64; 3], rows: None };

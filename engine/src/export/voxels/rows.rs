@@ -55,11 +55,12 @@ impl RowPieces {
 
 #[cfg(test)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
 
-    proptest! {
+    properties! {
         #[test]
         fn pieces_are_all_rows_once(shape in prop::array::uniform3(1_usize..40), most_items in 1_usize..3000) {
             let pieces = RowPieces::new(shape, most_items);

@@ -6,6 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::Relaxed;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -560,7 +561,7 @@ fn progress_counts_layers_up_to_the_last() {
     }
 }
 
-proptest! {
+properties! {
     /// A grain's chords add up to its volume, wherever it lies.
     #[test]
     fn a_grain_is_measured_wherever_it_lies(

@@ -203,6 +203,7 @@ impl Lines {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
@@ -265,7 +266,7 @@ mod tests {
         assert!(met > 10_000, "{met}");
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn chords_along_any_direction_are_those_of_single_lines(
             starts in prop::collection::vec(prop::array::uniform3(-0.9..0.9_f64), 50),

@@ -238,6 +238,7 @@ pub(crate) fn directed_edges(corners: &[u32]) -> impl Iterator<Item = [u32; 2]> 
 mod tests {
     use std::collections::BTreeSet;
 
+    use crate::properties::properties;
     use proptest::prelude::*;
 
     use super::*;
@@ -292,7 +293,7 @@ mod tests {
         }
     }
 
-    proptest! {
+    properties! {
         /// The ends of chords lie on the surface, what is between them inside, and lines that are told to miss do.
         #[test]
         fn chords_end_on_the_surface(

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeSet;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -365,7 +366,7 @@ fn exact_insphere(p: [[i128; 3]; 4], q: [i128; 3]) -> std::cmp::Ordering {
     det.cmp(&0)
 }
 
-proptest! {
+properties! {
     #[test]
     fn predicates_are_exact(p in prop::array::uniform5(prop::array::uniform3(-3_i128..=3)), scale in 0_u32..20) {
         // Times 2^-scale and shifted by a thousand: exact, and far from the origin.

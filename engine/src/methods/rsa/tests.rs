@@ -373,33 +373,45 @@ fn packings_do_not_depend_on_the_number_of_threads() {
     assert!(equal_spheres(40_000, 0.3, false, 1, 1) != alone, "points are drawn ahead");
 }
 
-/// Pairs whose distance is within the bounds, in mm, in a periodic cube of so many spheres.
-fn pairs_within(centers: &[[f64; 3]], edge: f64, bounds: std::ops::Range<f64>) -> f64 {
-    let cells = (edge / bounds.end) as usize;
+/// Pairs whose distance is within each of the bounds, in mm, in a periodic cube of so many spheres.
+fn pairs_within<const N: usize>(
+    centers: &[[f64; 3]],
+    edge: f64,
+    shells: &[std::ops::Range<f64>; N],
+) -> [f64; N] {
+    let farthest = shells.iter().map(|shell| shell.end).fold(0.0, f64::max);
+    let cells = (edge / farthest) as usize;
     let cell = |p: &[f64; 3]| p.map(|x| ((x / edge * cells as f64) as usize).min(cells - 1));
     let mut of_cell = vec![Vec::new(); cells.pow(3)];
     let place = |[x, y, z]: [usize; 3]| (x * cells + y) * cells + z;
     for p in centers {
         of_cell[place(cell(p))].push(*p);
     }
-    let mut pairs = 0_u32;
+    // The cell before, at or after another, and the edge if a side of the cube lies between.
+    let beside = |at: usize, step: usize| match step {
+        0 if at == 0 => (cells - 1, -edge),
+        2 if at == cells - 1 => (0, edge),
+        _ => (at + step - 1, 0.0),
+    };
+    let mut pairs = [0_u32; N];
     for p in centers {
         let [x, y, z] = cell(p);
         for near in 0..27 {
-            let shifted = |at: usize, step: usize| (at + cells + step - 1) % cells;
-            let other = place([shifted(x, near / 9), shifted(y, near / 3 % 3), shifted(z, near % 3)]);
-            for q in &of_cell[other] {
-                let square: f64 = (0..3)
-                    .map(|a| {
-                        let d = q[a] - p[a];
-                        (d - edge * (d / edge).round()).powi(2)
-                    })
-                    .sum();
-                pairs += u32::from(bounds.contains(&square.sqrt()));
+            let [(x, dx), (y, dy), (z, dz)] =
+                [beside(x, near / 9), beside(y, near / 3 % 3), beside(z, near % 3)];
+            let from = [p[0] - dx, p[1] - dy, p[2] - dz];
+            for q in &of_cell[place([x, y, z])] {
+                let square = (q[0] - from[0]).powi(2) + (q[1] - from[1]).powi(2) + (q[2] - from[2]).powi(2);
+                if square < farthest * farthest {
+                    let distance = square.sqrt();
+                    for (pairs, shell) in pairs.iter_mut().zip(shells) {
+                        *pairs += u32::from(shell.contains(&distance));
+                    }
+                }
             }
         }
     }
-    f64::from(pairs) / 2.0
+    pairs.map(|pairs| f64::from(pairs) / 2.0)
 }
 
 /// The number of pairs in each shell is above 48 000; its standard deviation from seed to seed is below 0.5 %.
@@ -412,8 +424,8 @@ fn points_drawn_ahead_have_the_law_of_points_drawn_one_by_one() {
         let mut means = [0.0; 3];
         for seed in 1..=4 {
             let centers = equal_spheres(number as usize, fraction, draws_ahead, seed, 2);
-            for (mean, shell) in means.iter_mut().zip(&shells) {
-                *mean += pairs_within(&centers, edge, shell.clone()) / 4.0;
+            for (mean, pairs) in means.iter_mut().zip(pairs_within(&centers, edge, &shells)) {
+                *mean += pairs / 4.0;
             }
         }
         means

@@ -10,6 +10,7 @@ use crate::request::presets::ShapePreset;
 use crate::request::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix, MixPart};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
+use crate::sorting;
 
 const DEFAULT_FACES: u32 = 24;
 const DEFAULT_DISPLACEMENT: f64 = 0.2;
@@ -67,7 +68,7 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
         }
         classes.push(class);
     }
-    classes.sort_by(|p, q| q.above_mm.total_cmp(&p.above_mm));
+    sorting::by_number(&mut classes, |class| -class.above_mm);
     let least = classes.last()?.above_mm;
     if least > 0.0 {
         at.fault(format!("grains up to {least} mm have no shape: the above_mm of one class must be 0"));

@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used)]
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -362,7 +363,7 @@ fn ratios() -> impl Strategy<Value = Value> {
     ]
 }
 
-proptest! {
+properties! {
     #[test]
     fn whatever_is_accepted_is_written_as_it_is_read(ratios in ratios()) {
         let value = request(&json!({"shape": ellipsoid(&ratios)}));

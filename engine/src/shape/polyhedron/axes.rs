@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use super::Polyhedron;
 use crate::arrays::Each as _;
 use crate::shape::Form;
+use crate::sorting;
 
 impl Polyhedron {
     /// The principal axes of the core about the origin as columns, the longest first; a rotation.
@@ -29,7 +30,7 @@ impl Polyhedron {
         let second = Matrix3::from_diagonal_element(inertia.trace() / 2.0) - inertia;
         let eigen = SymmetricEigen::new(second);
         let mut order = [0, 1, 2];
-        order.sort_by(|&i, &j| eigen.eigenvalues[j].total_cmp(&eigen.eigenvalues[i]));
+        sorting::by_number(&mut order, |&i| -eigen.eigenvalues[i]);
         let axis = |i: usize| eigen.eigenvectors.column(order[i]).into_owned();
         let (long, middle) = (axis(0), axis(1));
         let axes = Matrix3::from_columns(&[long, middle, long.cross(&middle)]);

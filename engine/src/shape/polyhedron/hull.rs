@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 
 use crate::elementary::atan2;
+use crate::sorting;
 
 /// Distance from a plane below which a point lies on it, over the largest distance from the origin.
 const ON_PLANE: f64 = 1.0e-9;
@@ -162,7 +163,7 @@ fn in_order(points: &[Vector3<f64>], mut members: Vec<u32>, normal: &Vector3<f64
     let center = members.iter().map(|&i| at(i)).sum::<Vector3<f64>>() / members.len() as f64;
     let [u, v] = across(normal);
     let angle = |i: u32| atan2((at(i) - center).dot(&v), (at(i) - center).dot(&u));
-    members.sort_by(|&i, &j| angle(i).total_cmp(&angle(j)));
+    sorting::by_number(&mut members, |&i| angle(i));
     members
 }
 

@@ -15,6 +15,7 @@ use nalgebra::Vector3;
 use super::Polyhedron;
 use super::minimax::{Plane, least_maximum};
 use crate::elementary::{cos, sin};
+use crate::sorting;
 
 /// Directions whose widths are looked at; they lie about 0.1 rad apart.
 const DIRECTIONS: usize = 600;
@@ -157,7 +158,7 @@ fn starts(corners: &[Vector3<f64>]) -> Vec<[Vector3<f64>; 2]> {
             (high - low, axis)
         })
         .collect();
-    widths.sort_by(|p, q| p.0.total_cmp(&q.0));
+    sorting::by_number(&mut widths, |width| width.0);
     let mut starts: Vec<[Vector3<f64>; 2]> = Vec::with_capacity(STARTS);
     for (j, (_, second)) in widths.iter().enumerate() {
         for (_, first) in &widths[..j] {

@@ -1,3 +1,4 @@
+use crate::properties::properties;
 use proptest::prelude::*;
 use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -147,13 +148,13 @@ fn random_nodes_end_where_no_place_is_left_and_say_so() {
     assert!(on_faces > 100, "{on_faces}");
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(40))]
     /// Thin, long, tiny against their grain, and grains that touch walls or reach almost through.
     #[test]
     fn any_specimen_is_covered(
         size in [6.0..40.0_f64, 6.0..40.0_f64, 6.0..40.0_f64],
-        cylinder: bool,
+        cylinder in any::<bool>(),
         at in [0.0..1.0_f64, 0.0..1.0_f64, 0.0..1.0_f64],
         share in 0.2..1.0_f64,
         spacing in 1.1..3.0_f64,

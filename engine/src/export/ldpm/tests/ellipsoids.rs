@@ -1,5 +1,6 @@
 //! Lattices of ellipsoids and polyhedra.
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -146,7 +147,7 @@ fn nodes_on_the_surface_keep_clear_of_ellipsoids() {
     }
 }
 
-proptest! {
+properties! {
     /// Beyond the surface by the distance to the nearest of many of its points; inside, no more than that.
     #[test]
     fn distances_of_points_are_those_of_the_surface(

@@ -1,5 +1,6 @@
 //! Whatever the options, a lattice is made or refused with what to change; a check that fails is a defect.
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -31,12 +32,12 @@ fn options() -> impl Strategy<Value = serde_json::Value> {
     )
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]
     fn any_options_make_a_lattice_or_are_refused_with_what_to_change(
         value in options(),
-        cylinder: bool,
+        cylinder in any::<bool>(),
         size in [10.0..30.0_f64, 10.0..30.0_f64, 10.0..30.0_f64],
         fraction in 0.01..0.3_f64,
         seed in 0..1000_u64,

@@ -1,3 +1,4 @@
+use crate::properties::properties;
 use nalgebra::{Rotation3, Vector3};
 use proptest::prelude::*;
 
@@ -49,7 +50,7 @@ fn tetrahedra() -> impl Strategy<Value = ([[f64; 3]; 4], [f64; 4])> {
     ([corner(), corner(), corner(), corner()], [0.0..2.0_f64, 0.0..2.0_f64, 0.0..2.0_f64, 0.0..2.0_f64])
 }
 
-proptest! {
+properties! {
     /// T1, whatever the shape, the radii and the order of nodes.
     #[test]
     fn pieces_add_up((corners, radii) in tetrahedra(), order in Just([0_u32, 1, 2, 3]).prop_shuffle()) {

@@ -3,6 +3,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -107,7 +108,7 @@ fn a_whole_body_is_gone_on_from_and_a_broken_one_starts_anew() {
     }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
     fn a_body_cut_anywhere_starts_anew(at in any::<prop::sample::Index>()) {

@@ -2,6 +2,7 @@
 
 use std::cell::Cell;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 use proptest::test_runner::TestRunner;
 
@@ -67,7 +68,7 @@ fn energy(grains: &[(f64, [f64; 3])]) -> f64 {
     grains.iter().map(|(mass, v)| 0.5 * mass * dot(*v, *v)).sum()
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
     #[test]
     fn two_grains_part_as_elastic_surfaces_that_grow((growth, grains, end_s) in meeting_pair()) {

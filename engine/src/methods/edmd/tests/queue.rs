@@ -4,6 +4,7 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use crate::properties::properties;
 use proptest::prelude::*;
 
 use crate::methods::edmd::queue::{Entry, Queue};
@@ -116,7 +117,7 @@ impl Both {
     }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(150))]
     #[test]
     fn events_come_up_as_from_a_heap(steps in prop::collection::vec(step(), 1..1500)) {

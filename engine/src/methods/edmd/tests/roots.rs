@@ -3,6 +3,7 @@
 //! These are found by bisection on the pieces on which a parabola is monotone, so that they share no
 //! formula with what they judge.
 
+use crate::properties::properties;
 use proptest::prelude::*;
 
 use super::collisions::{anywhere, growth, unit};
@@ -107,7 +108,7 @@ fn the_reference_is_exact_where_the_root_is_far_from_the_vertex() {
     exact.judge(falls_to_zero(a, b, c)).unwrap();
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(5000))]
     #[test]
     fn roots_have_the_digits_that_their_condition_leaves(
@@ -250,7 +251,7 @@ fn parts() -> impl Strategy<Value = ([f64; 3], [f64; 3], [f64; 2])> {
         .prop_filter("a way across", |(_, normal, _)| dot(*normal, [0.3, 0.5, -0.7]).abs() < 0.9)
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
     #[test]
     fn approaching_grains_meet_in_time(
@@ -325,7 +326,7 @@ fn cylinder() -> Container {
     Container::Cylinder { radius_mm: RADIUS_MM, height_mm: 60.0 }
 }
 
-proptest! {
+properties! {
     #![proptest_config(ProptestConfig::with_cases(5000))]
     #[test]
     fn the_mantle_is_met_in_time(
