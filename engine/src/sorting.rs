@@ -1,7 +1,7 @@
 //! Sorting by numbers, for all places where the time that it takes does not count.
 //!
-//! The sort of the standard library is some thousand instructions long, and is compiled anew for each comparison that it
-//! is called with: 60 copies were a tenth of the time that the engine takes to build. Here are three of them. Numbers
+//! The sort of the standard library is some thousand instructions long, and is compiled anew for each comparison that
+//! it is called with: 60 copies were a tenth of the time that the engine takes to build. Here are two of them. Numbers
 //! are in the order of [`f64::total_cmp`].
 
 /// Sorts numbers from the least to the largest.
