@@ -11,7 +11,7 @@ use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
 use super::growth::Growth;
 use super::queue::Queue;
-use super::records::{Cold, Hot};
+use super::records::{Cold, Hot, Next};
 use super::shortlist::{LEAST_NEIGHBOURS, MOST_SHORTLISTS, Shortlist};
 use super::skin;
 use crate::arrays::{self, Each as _};
@@ -36,14 +36,6 @@ const GRAINS_PER_RESERVATION: usize = 256;
 const HALF_PER_GRAIN: usize = 64;
 /// Free places of a new list.
 const SPARE: u32 = 3;
-
-/// The next event of a grain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Next {
-    pub(crate) time: f64,
-    /// The list entry of the partner, or one of the codes of `events`.
-    pub(crate) with: u32,
-}
 
 /// What was counted since the run began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -203,7 +195,7 @@ impl System {
 
     /// The memory that a list was refused in the cycle, if one was: the run cannot go on.
     pub(crate) fn refused(&self) -> Option<OutOfMemory> {
-        self.refused
+        self.refused.or(self.queue.refused())
     }
 
     /// Starts a cycle of `end` s with all times at 0: NNL spheres around every grain,
