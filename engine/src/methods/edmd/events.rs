@@ -7,9 +7,9 @@
 use super::contact::fall_to_zero;
 use super::container::HOME;
 use super::growth::Growth;
-use super::queue::{Entry, READ_AHEAD};
-use super::records::Hot;
-use super::system::{Next, System, unpack};
+use super::queue::READ_AHEAD;
+use super::records::{Hot, Next};
+use super::system::{System, unpack};
 use crate::arrays::{self, Each as _};
 use crate::cpu::{InstructionSet, Lanes, prefetch, with_instruction_set};
 use crate::memory::{OutOfMemory, refill};
@@ -79,11 +79,7 @@ impl System {
             if self.counts.collisions() >= last || self.is_crowded() {
                 break;
             }
-            let next = &self.next;
-            let is_next = |e: &Entry| next[e.grain as usize].time == e.time;
-            let Some(entry) = self.queue.pop(is_next, |grain| prefetch(next, grain as usize)) else {
-                return self.end;
-            };
+            let Some(entry) = self.queue.pop(&self.next) else { return self.end };
             now = entry.time;
             let i = entry.grain as usize;
             if self.len() >= READ_AHEAD {

@@ -1,22 +1,25 @@
 //! The event queue: a calendar of bins in time, of which only the current one is sorted (Paul 2007, DOI
 //! 10.1016/j.jcp.2006.06.042).
 //!
-//! Pushing and popping cost O(1) whatever the number of events. Entries are never removed: one that no longer matches
-//! its grain's next event is dropped when it comes up. Ties in time are broken by the grain, so that the order of
-//! events does not depend on the order of pushes.
+//! Pushing and popping cost O(1) whatever the number of events. A bin names grains only: the time of an event is that of
+//! its grain's next one. Names are never removed: when a bin comes up, grains whose next event lies elsewhere by then
+//! are dropped, and so are names that stand in it twice. Events beyond the last bin are not kept at all: when the bins
+//! are used up, all grains are looked through. Ties in time are broken by the grain, so that the order of events does
+//! not depend on the order of pushes.
 
+use super::records::Next;
 use crate::cpu::prefetch;
-use crate::memory::{OutOfMemory, make_room, probe};
+use crate::memory::{OutOfMemory, make_room, push, refill};
 
 /// Events per bin aimed at, and with so many grains that memory must be asked some events ahead.
 const PER_BIN: f64 = 4.0;
 const PER_BIN_AHEAD: f64 = 32.0;
-/// Entries of the queue for each grain, those that are stale included.
-const ENTRIES_PER_GRAIN: usize = 4;
-/// Entries in a cache line.
-const PER_LINE: usize = 64 / size_of::<Entry>();
 /// Grains from which reading ahead pays: fewer stay in the cache.
 pub(crate) const READ_AHEAD: usize = 8_000;
+/// Grains of a block: with the number of another one, a cache line.
+const PER_BLOCK: usize = 15;
+/// No block.
+const NIL: u32 = u32::MAX;
 
 /// One scheduled event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,18 +28,40 @@ pub(crate) struct Entry {
     pub(crate) grain: u32,
 }
 
+/// Some grains of a bin, and the block that holds further ones, or the next one that is not in use.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Block {
+    grains: [u32; PER_BLOCK],
+    below: u32,
+}
+
+/// A bin: its last block, and how many grains that has. All others are full.
+#[derive(Clone, Copy, Debug)]
+struct Bin {
+    block: u32,
+    grains: u32,
+}
+
+impl Bin {
+    const EMPTY: Self = Self { block: NIL, grains: PER_BLOCK as u32 };
+}
+
 /// The queue.
 #[derive(Debug, Default)]
 pub(crate) struct Queue {
-    bins: Vec<Vec<Entry>>,
-    /// Entries beyond the window.
-    beyond: Vec<Entry>,
+    bins: Vec<Bin>,
+    blocks: Vec<Block>,
+    /// The first block that is not in use.
+    free: u32,
     /// The current bin, latest first.
     current: Vec<Entry>,
     cursor: usize,
     start: f64,
     width: f64,
     per_width: f64,
+    /// Memory that an event was refused; events are missing from then on.
+    refused: Option<OutOfMemory>,
 }
 
 impl Queue {
@@ -48,19 +73,20 @@ impl Queue {
     pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) -> Result<(), OutOfMemory> {
         let per_bin = if grains < READ_AHEAD { PER_BIN } else { PER_BIN_AHEAD };
         let bins = ((grains as f64 / per_bin) as usize).next_power_of_two().clamp(64, 1 << 22);
-        // Bins keep their room from one cycle to the next. Entries come to them in small pieces: they are asked for as
-        // one.
-        let missing = bins.saturating_sub(self.bins.len());
-        make_room(&mut self.bins, missing)?;
-        probe(ENTRIES_PER_GRAIN.saturating_mul(size_of::<Entry>()).saturating_mul(grains))?;
-        self.bins.resize_with(bins, Vec::new);
-        self.bins.iter_mut().for_each(Vec::clear);
-        self.beyond.clear();
+        refill(&mut self.bins, bins, Bin::EMPTY)?;
+        self.blocks.clear();
+        make_room(&mut self.blocks, bins + grains / PER_BLOCK)?;
+        self.free = NIL;
         self.current.clear();
         self.cursor = 0;
         self.start = 0.0;
         self.set_width(per_bin, events_per_time);
         Ok(())
+    }
+
+    /// The memory that an event was refused, if one was: the run cannot go on.
+    pub(crate) fn refused(&self) -> Option<OutOfMemory> {
+        self.refused
     }
 
     fn set_width(&mut self, per_bin: f64, events_per_time: f64) {
@@ -69,17 +95,20 @@ impl Queue {
         self.per_width = 1.0 / self.width;
     }
 
-    /// Schedules an event.
+    /// The bin of a time: 0 before the window, and none there is beyond it.
+    #[inline(always)]
+    fn bin_of(&self, time: f64) -> usize {
+        ((time - self.start) * self.per_width) as usize
+    }
+
+    /// Schedules the next event of a grain.
     #[inline(always)]
     pub(crate) fn push(&mut self, time: f64, grain: u32) {
-        // Saturating, and 0 for times before the window.
-        let bin = ((time - self.start) * self.per_width) as usize;
+        let bin = self.bin_of(time);
         if bin <= self.cursor {
             self.insert_current(Entry { time, grain });
         } else if bin < self.bins.len() {
-            self.bins[bin].push(Entry { time, grain });
-        } else {
-            self.beyond.push(Entry { time, grain });
+            self.enter(bin, grain);
         }
     }
 
@@ -92,17 +121,44 @@ impl Queue {
         self.current.insert(at, entry);
     }
 
-    /// The earliest entry that `is_next` still vouches for; `ask` hears of every grain that it will be
-    /// asked about soon.
+    /// Notes a grain in a bin.
     #[inline(always)]
-    pub(crate) fn pop(&mut self, is_next: impl Fn(&Entry) -> bool, ask: impl Fn(u32)) -> Option<Entry> {
+    fn enter(&mut self, bin: usize, grain: u32) {
+        if self.bins[bin].grains as usize == PER_BLOCK {
+            self.add_block(bin);
+        }
+        let Bin { block, grains } = &mut self.bins[bin];
+        if let Some(block) = self.blocks.get_mut(*block as usize) {
+            block.grains[*grains as usize] = grain;
+            *grains += 1;
+        }
+    }
+
+    /// Gives a bin whose last block is full another one, where there is memory for it.
+    #[inline]
+    fn add_block(&mut self, bin: usize) {
+        let mut block = self.free;
+        if block == NIL {
+            block = self.blocks.len() as u32;
+            push(&mut self.blocks, Block { grains: [0; PER_BLOCK], below: NIL }, &mut self.refused);
+        }
+        if let Some(added) = self.blocks.get_mut(block as usize) {
+            self.free = added.below;
+            added.below = self.bins[bin].block;
+            self.bins[bin] = Bin { block, grains: 0 };
+        }
+    }
+
+    /// The earliest of the next events of all grains, all of which were pushed.
+    #[inline(always)]
+    pub(crate) fn pop(&mut self, next: &[Next]) -> Option<Entry> {
         loop {
             while let Some(entry) = self.current.pop() {
-                if is_next(&entry) {
+                if next[entry.grain as usize].time == entry.time {
                     return Some(entry);
                 }
             }
-            if !self.advance(&is_next, &ask) {
+            if !self.advance(next) {
                 return None;
             }
         }
@@ -116,28 +172,17 @@ impl Queue {
     }
 
     /// Loads the next bin that is not empty; says whether there was one.
-    fn advance(&mut self, is_next: &impl Fn(&Entry) -> bool, ask: &impl Fn(u32)) -> bool {
+    fn advance(&mut self, next: &[Next]) -> bool {
         loop {
             while self.cursor + 1 < self.bins.len() {
                 self.cursor += 1;
-                std::mem::swap(&mut self.current, &mut self.bins[self.cursor]);
-                if let Some(soon) = self.bins.get(self.cursor + 1) {
-                    for entry in soon {
-                        ask(entry.grain);
-                    }
-                }
-                if let Some(later) = self.bins.get(self.cursor + 2) {
-                    for at in (0..later.len()).step_by(PER_LINE) {
-                        prefetch(later, at);
-                    }
-                }
-                self.current.retain(is_next);
+                self.ask_ahead(next);
+                self.load(next);
                 if !self.current.is_empty() {
-                    sort_latest_first(&mut self.current);
                     return true;
                 }
             }
-            if !self.turn(is_next) {
+            if !self.turn(next) {
                 return false;
             }
             if !self.current.is_empty() {
@@ -146,22 +191,60 @@ impl Queue {
         }
     }
 
+    /// Moves the grains of the bin at the cursor whose next event lies in it to the current bin.
+    fn load(&mut self, next: &[Next]) {
+        let mut bin = std::mem::replace(&mut self.bins[self.cursor], Bin::EMPTY);
+        while bin.block != NIL {
+            let block = self.blocks[bin.block as usize];
+            for &grain in &block.grains[..bin.grains as usize] {
+                let time = next[grain as usize].time;
+                if self.bin_of(time) == self.cursor {
+                    self.current.push(Entry { time, grain });
+                }
+            }
+            self.blocks[bin.block as usize].below = self.free;
+            self.free = bin.block;
+            bin = Bin { block: block.below, ..Bin::EMPTY };
+        }
+        sort_latest_first(&mut self.current);
+        self.current.dedup();
+    }
+
+    /// Asks the memory for what the bins after that at the cursor need, each time one step further: blocks, then the
+    /// blocks below them, then the next events of the grains.
+    fn ask_ahead(&self, next: &[Next]) {
+        let block = |after: usize| self.bins.get(self.cursor + after).map_or(NIL, |bin| bin.block) as usize;
+        prefetch(&self.blocks, block(3));
+        if let Some(last) = self.blocks.get(block(2)) {
+            prefetch(&self.blocks, last.below as usize);
+        }
+        let Some(mut bin) = self.bins.get(self.cursor + 1).copied() else { return };
+        while let Some(block) = self.blocks.get(bin.block as usize) {
+            for &grain in &block.grains[..bin.grains as usize] {
+                prefetch(next, grain as usize);
+            }
+            bin = Bin { block: block.below, ..Bin::EMPTY };
+        }
+    }
+
     /// Moves the window on; says whether anything is left.
-    fn turn(&mut self, is_next: &impl Fn(&Entry) -> bool) -> bool {
-        self.beyond.retain(is_next);
-        let Some(first) = self.beyond.iter().map(|e| e.time).reduce(f64::min) else { return false };
+    fn turn(&mut self, next: &[Next]) -> bool {
+        let times = || next.iter().map(|next| next.time).filter(|time| time.is_finite());
+        let Some(first) = times().reduce(f64::min) else { return false };
         // Where the next events lie far ahead the window jumps, and widens if it is far too narrow.
         let span = self.width * self.bins.len() as f64;
         self.start = first.max(self.start + span);
-        let in_window = self.beyond.iter().filter(|e| e.time < self.start + span).count();
-        if in_window * 16 < self.beyond.len() {
+        let in_window = times().filter(|&time| time < self.start + span).count();
+        if in_window * 16 < times().count() {
             self.width *= 4.0;
             self.per_width = 1.0 / self.width;
         }
-        // Bin 0 is where the cursor stands, so entries of it go to the current bin.
+        // Bin 0 is where the cursor stands, so that its events come to the current bin.
         self.cursor = 0;
-        for entry in std::mem::take(&mut self.beyond) {
-            self.push(entry.time, entry.grain);
+        for (grain, next) in next.iter().enumerate() {
+            if next.time.is_finite() {
+                self.push(next.time, grain as u32);
+            }
         }
         true
     }
@@ -184,30 +267,57 @@ fn sort_latest_first(entries: &mut [Entry]) {
 mod tests {
     use super::*;
 
+    /// Grains without a next event.
+    fn none(grains: usize) -> Vec<Next> {
+        vec![Next { time: f64::INFINITY, with: 0 }; grains]
+    }
+
     #[test]
     fn pops_in_order_of_time_then_grain() {
         let mut queue = Queue::default();
         assert_eq!(queue.reset(100, 10.0), Ok(()));
-        let mut next = std::collections::HashMap::new();
+        let mut next = none(4000);
         let mut x = 1_u64;
         for grain in 0..1000_u32 {
             x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             let time = (x >> 40) as f64 * 1e-3;
+            next[grain as usize].time = time;
             queue.push(time, grain);
-            next.insert(grain, time);
         }
         let mut seen = Vec::new();
-        while let Some(entry) = queue.pop(|e| next.get(&e.grain) == Some(&e.time), |_| ()) {
+        while let Some(entry) = queue.pop(&next) {
             seen.push(entry);
-            next.remove(&entry.grain);
-            if entry.grain % 3 == 0 && seen.len() < 1500 {
+            next[entry.grain as usize].time = f64::INFINITY;
+            if entry.grain % 3 == 0 && entry.grain < 1000 {
                 let time = entry.time + f64::from(entry.grain) * 0.01;
+                next[entry.grain as usize + 3000].time = time;
                 queue.push(time, entry.grain + 3000);
-                next.insert(entry.grain + 3000, time);
             }
         }
-        assert!(next.is_empty());
-        assert!(seen.len() > 1300);
+        assert_eq!(seen.len(), 1334);
         assert!(seen.windows(2).all(|w| before(&w[0], &w[1])));
+    }
+
+    #[test]
+    fn blocks_are_used_again() {
+        let mut queue = Queue::default();
+        assert_eq!(queue.reset(1000, 100.0), Ok(()));
+        let mut next = none(1000);
+        let mut most = 0;
+        for turn in 0..20_000_u32 {
+            // Every grain changes its mind as often as it has events.
+            for grain in [turn % 1000, turn * 7 % 1000] {
+                let time = f64::from(turn) * 0.01 + 10.0 + f64::from(grain % 13);
+                next[grain as usize].time = time;
+                queue.push(time, grain);
+            }
+            if let Some(entry) = queue.pop(&next).filter(|_| turn > 1000) {
+                next[entry.grain as usize].time = f64::INFINITY;
+            }
+            if turn == 5000 {
+                most = queue.blocks.len();
+            }
+        }
+        assert!(most > 0 && queue.blocks.len() < 2 * most, "{most} {}", queue.blocks.len());
     }
 }

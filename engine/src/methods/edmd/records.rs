@@ -1,4 +1,5 @@
-//! What is kept of each grain in motion: a record that others read, and one that its own events read.
+//! What is kept of each grain in motion: a record that others read, one that its own events read, and its next
+//! event.
 
 use crate::arrays;
 use crate::cpu::InstructionSet;
@@ -89,4 +90,12 @@ impl Cold {
             self.skin *= LESS;
         }
     }
+}
+
+/// The next event of a grain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Next {
+    pub(crate) time: f64,
+    /// The list entry of the partner, or one of the codes of `events`.
+    pub(crate) with: u32,
 }

@@ -11,7 +11,7 @@ use super::container::{Container, IMAGES, mirrored};
 use super::grid::Grid;
 use super::growth::Growth;
 use super::queue::Queue;
-use super::records::{Cold, Hot};
+use super::records::{Cold, Hot, Next};
 use super::shortlist::{LEAST_NEIGHBOURS, MOST_SHORTLISTS, Shortlist};
 use super::skin;
 use crate::arrays::{self, Each as _};
@@ -34,16 +34,10 @@ const LIST_LINES: u32 = 3;
 /// reserved for: on average there are fewer than twenty.
 const GRAINS_PER_RESERVATION: usize = 256;
 const HALF_PER_GRAIN: usize = 64;
+/// Entries of all lists from which their memory is given back between two cycles.
+const LARGE_SLAB: usize = 1 << 22;
 /// Free places of a new list.
 const SPARE: u32 = 3;
-
-/// The next event of a grain.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Next {
-    pub(crate) time: f64,
-    /// The list entry of the partner, or one of the codes of `events`.
-    pub(crate) with: u32,
-}
 
 /// What was counted since the run began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -203,7 +197,14 @@ impl System {
 
     /// The memory that a list was refused in the cycle, if one was: the run cannot go on.
     pub(crate) fn refused(&self) -> Option<OutOfMemory> {
-        self.refused
+        self.refused.or(self.queue.refused())
+    }
+
+    /// Gives the memory of all lists back where it is much: between two cycles other things need it.
+    fn forget_lists(&mut self) {
+        if self.slab.capacity() >= LARGE_SLAB {
+            self.slab = Vec::new();
+        }
     }
 
     /// Starts a cycle of `end` s with all times at 0: NNL spheres around every grain,
@@ -212,6 +213,7 @@ impl System {
     /// # Errors
     /// When the system refuses memory.
     pub(crate) fn rebuild_all_lists(&mut self, growth: Growth, end: f64) -> Result<(), OutOfMemory> {
+        self.forget_lists();
         self.growth = growth;
         self.end = end;
         self.virial = 0.0;
@@ -544,6 +546,7 @@ impl System {
     /// # Errors
     /// When the system refuses memory.
     pub(crate) fn sort_along_curve(&mut self) -> Result<(), OutOfMemory> {
+        self.forget_lists();
         let size = self.container.bounds_mm();
         let longest = size.into_iter().fold(0.0, f64::max);
         let place = |hot: &Hot| morton(self.container.wrap(hot.position).each(|x| x / longest));

@@ -329,9 +329,13 @@ impl Cells {
     pub(super) fn gather_around(&self, cell: usize, p: [f64; 3], part_mm: f64, into: &mut Vec<Placed>) {
         into.clear();
         let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
-        into.extend(
-            known.iter().map(|&entry| self.sphere(entry)).filter(|sphere| covers(sphere, p, part_mm)),
-        );
+        // By hand, for `extend` would not be compiled for the instruction set.
+        for &entry in known {
+            let sphere = self.sphere(entry);
+            if covers(&sphere, p, part_mm) {
+                into.push(sphere);
+            }
+        }
         let mut at = self.heads[cell];
         while let Some(link) = self.links.get(at as usize) {
             let sphere = self.sphere(link.entry);

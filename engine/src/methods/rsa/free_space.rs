@@ -10,15 +10,13 @@
 //! grains come from the largest down, such a voxel sleeps until a grain is small enough, and is
 //! forgotten if none will be before the voxels are made anew.
 
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
-
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::cells::{Cells, Placed};
+use super::voxels::{Deferred, Level, Voxel, Waiting};
 use crate::arrays::{self, Each as _};
-use crate::memory::{OutOfMemory, make_room, push};
+use crate::memory::OutOfMemory;
 use crate::request::Specimen;
 use crate::rng::uniform;
 
@@ -31,13 +29,6 @@ pub(super) const DRAWS_AT_ONCE: usize = 16;
 const SIZE_BINS: usize = 128;
 /// A sphere is said to hold a voxel with this relative margin, far above rounding.
 const COVERED_MARGIN: f64 = 1.0 + 1.0e-12;
-
-/// A voxel of some level: its cell, and its place in the cell in units of its own edge.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-struct Voxel {
-    cell: u32,
-    at: [u32; 3],
-}
 
 /// A point drawn, and the voxel it was drawn from.
 #[derive(Clone, Copy, Debug, Default)]
@@ -73,35 +64,6 @@ impl Batch {
     }
 }
 
-/// A voxel that some sphere or wall holds for all grains whose part is above `covered_above`.
-#[derive(Clone, Copy, Debug)]
-struct Deferred {
-    covered_above: f64,
-    level: u8,
-    voxel: Voxel,
-}
-
-impl PartialEq for Deferred {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Deferred {}
-
-impl PartialOrd for Deferred {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Deferred {
-    fn cmp(&self, other: &Self) -> Ordering {
-        let key = |s: &Self| (s.level, s.voxel.cell, s.voxel.at);
-        self.covered_above.total_cmp(&other.covered_above).then_with(|| key(self).cmp(&key(other)))
-    }
-}
-
 /// The grains that a set of voxels serves, by the two lengths that fall from grain to grain: the
 /// part of the exclusion radius, and the clearance to walls, which is linear in the part.
 #[derive(Clone, Copy, Debug)]
@@ -116,22 +78,17 @@ pub(super) struct Served<'a> {
 /// Memory of voxels that those of the next grid use again.
 #[derive(Debug, Default)]
 pub(super) struct VoxelBuffers {
-    active: Vec<Vec<Voxel>>,
-    size_bins: Vec<Vec<Deferred>>,
-    due: Vec<Deferred>,
+    cells: Option<Level>,
+    waiting: Waiting,
 }
 
 /// The voxels.
 #[derive(Debug)]
 pub(super) struct FreeSpace<'a> {
     /// Voxels that may hold a place for the present grain, by level.
-    active: Vec<Vec<Voxel>>,
+    active: Vec<Level>,
     /// Deferred voxels by the step of part in which they activate.
-    size_bins: Vec<Vec<Deferred>>,
-    /// Beds before this one are empty: their deferred voxels are active or about to activate.
-    bin: usize,
-    /// Deferred voxels of the size bins already emptied.
-    due: BinaryHeap<Deferred>,
+    waiting: Waiting,
     /// Voxels covered for parts of at least this are not active.
     threshold_mm: f64,
     served: Served<'a>,
@@ -159,23 +116,13 @@ impl<'a> FreeSpace<'a> {
             let center = arrays::from_fn(|a| corner[a] + half[a]);
             !cells.region.misses_cuboid(center, half)
         };
-        let VoxelBuffers { mut active, mut size_bins, mut due } = buffers;
-        // Levels below the cells are few, and those that are there must count: their number decides what is drawn.
-        active.truncate(1);
-        active.resize_with(1, Vec::new);
-        let voxels = &mut active[0];
-        voxels.clear();
-        make_room(voxels, cells.len())?;
-        let inside = (0..cells.len()).filter(is_inside);
-        voxels.extend(inside.map(|cell| Voxel { cell: cell as u32, at: [0; 3] }));
-        size_bins.iter_mut().for_each(Vec::clear);
-        size_bins.resize_with(SIZE_BINS, Vec::new);
-        due.clear();
+        let VoxelBuffers { cells: memory, mut waiting } = buffers;
+        // Levels below the cells are those that are in use: their number decides what is drawn.
+        let active = Level::of_cells(memory, (0..cells.len()).filter(is_inside), cells.len())?;
+        waiting.reset(SIZE_BINS);
         Ok(Self {
-            active,
-            size_bins,
-            bin: 0,
-            due: due.into(),
+            active: vec![active],
+            waiting,
             threshold_mm: served.largest_part,
             served,
             batch: Batch::empty(),
@@ -187,12 +134,12 @@ impl<'a> FreeSpace<'a> {
 
     /// Its memory, for the next voxels.
     pub(super) fn into_buffers(self) -> VoxelBuffers {
-        VoxelBuffers { active: self.active, size_bins: self.size_bins, due: self.due.into_vec() }
+        VoxelBuffers { cells: self.active.into_iter().next(), waiting: self.waiting }
     }
 
     /// The memory that a voxel was refused, if one was: voxels are missing since then.
     pub(super) fn refused(&self) -> Option<OutOfMemory> {
-        self.refused
+        self.refused.or(self.waiting.refused())
     }
 
     /// Activates the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
@@ -200,21 +147,12 @@ impl<'a> FreeSpace<'a> {
     /// the loss of the points drawn ahead.
     pub(super) fn activate(&mut self, part_mm: f64, exactly: bool) {
         let bin = self.served.bin_of(part_mm);
-        while self.bin <= bin {
-            let mut deferred = std::mem::take(&mut self.size_bins[self.bin]);
-            if self.make_room_due(deferred.len()) {
-                self.due.extend(deferred.drain(..));
-            }
-            self.size_bins[self.bin] = deferred;
-            self.bin += 1;
-        }
+        self.waiting.open_to(bin);
         self.threshold_mm = if exactly { part_mm } else { self.served.least_of(bin) };
-        while self.due.peek().is_some_and(|deferred| deferred.covered_above >= self.threshold_mm) {
+        while let Some(Deferred { level, voxel, .. }) = self.waiting.pop(self.threshold_mm) {
             // The points drawn ahead do not know this voxel.
             self.batch.next = DRAWS_AT_ONCE;
-            if let Some(Deferred { level, voxel, .. }) = self.due.pop() {
-                push(&mut self.active[usize::from(level)], voxel, &mut self.refused);
-            }
+            self.active[level].push(voxel, level, &mut self.refused);
         }
     }
 
@@ -260,7 +198,7 @@ impl<'a> FreeSpace<'a> {
             draw.point = arrays::from_fn(|_| uniform(rng));
         }
         for draw in &mut draws {
-            draw.voxel = self.active[draw.level][draw.index];
+            draw.voxel = self.active[draw.level].get(draw.index, draw.level)?;
         }
         for draw in &mut draws {
             let corner = cells.corner(draw.cell());
@@ -275,7 +213,7 @@ impl<'a> FreeSpace<'a> {
 
     /// Number of voxels active.
     pub(super) fn voxels(&self) -> usize {
-        self.active.iter().map(Vec::len).sum()
+        self.active.iter().map(Level::len).sum()
     }
 
     /// Volume of the voxels active, in units of a cell.
@@ -292,13 +230,13 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn draw_level(&self, volume_cells: f64, rng: &mut Xoshiro256PlusPlus) -> Option<usize> {
         if let [only] = self.active.as_slice() {
-            return (!only.is_empty()).then_some(0);
+            return (only.len() > 0).then_some(0);
         }
         let mut left = uniform(rng) * volume_cells;
         let mut last = None;
         let mut weight = 1.0;
         for (level, voxels) in self.active.iter().enumerate() {
-            if !voxels.is_empty() {
+            if voxels.len() > 0 {
                 last = Some(level);
                 left -= voxels.len() as f64 * weight;
                 if left < 0.0 {
@@ -342,7 +280,7 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn remove(&mut self, draw: &Draw) -> bool {
         let voxels = &mut self.active[draw.level];
-        let there = voxels.get(draw.index) == Some(&draw.voxel);
+        let there = voxels.get(draw.index, draw.level) == Some(draw.voxel);
         if there {
             voxels.swap_remove(draw.index);
         }
@@ -352,7 +290,7 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn split_voxel(&mut self, voxel: Voxel, level: usize, cells: &Cells) {
         while self.active.len() <= level + 1 {
-            self.active.push(Vec::new());
+            self.active.push(Level::new(self.active.len(), cells.len()));
         }
         // All eight parts meet in the centre, so a sphere that holds one of them holds the centre.
         let (center, whole) = geometry(cells, voxel, level);
@@ -381,27 +319,11 @@ impl<'a> FreeSpace<'a> {
     #[inline(always)]
     fn keep(&mut self, voxel: Voxel, level: usize, covered_above: f64) {
         if covered_above >= self.threshold_mm {
-            push(&mut self.active[level], voxel, &mut self.refused);
+            self.active[level].push(voxel, level, &mut self.refused);
         } else if covered_above >= self.served.least_part {
-            let deferred = Deferred { covered_above, level: level as u8, voxel };
             let bin = self.served.bin_of(covered_above);
-            if bin >= self.bin {
-                push(&mut self.size_bins[bin], deferred, &mut self.refused);
-            } else if self.make_room_due(1) {
-                self.due.push(deferred);
-            }
+            self.waiting.add(Deferred { covered_above, level, voxel }, bin);
         }
-    }
-
-    /// Makes room for so many voxels that are due; says whether there is.
-    #[inline]
-    fn make_room_due(&mut self, more: usize) -> bool {
-        let granted = self.due.try_reserve(more).is_ok();
-        if !granted {
-            let bytes = (self.due.len() + more) * size_of::<Deferred>();
-            self.refused = Some(OutOfMemory { bytes: bytes as u64 });
-        }
-        granted
     }
 }
 

@@ -6,7 +6,7 @@
 //! one.
 //!
 //! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
-//! proves saturation when none is left (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
+//! proves saturation when none is left; `voxels` is how they are kept (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
 //! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes). This module drives both: it cuts
 //! the grains into segments of similar size, each with a grid of its own. In runs of many grains, `ahead` has points
 //! drawn and tested by several threads.
@@ -17,6 +17,7 @@
 mod ahead;
 mod cells;
 mod free_space;
+mod voxels;
 
 use std::num::NonZeroUsize;
 
@@ -194,6 +195,9 @@ struct Search {
     attempts: u64,
     limit: Option<u64>,
     region_cells: f64,
+    /// The volume that draws were last counted for, in units of a cell, and the logarithm of the share of the region
+    /// that lies outside of it.
+    missed: (f64, f64),
 }
 
 enum Found {
@@ -283,6 +287,7 @@ impl Run<'_> {
                 attempts: 0,
                 limit: rsa.attempts_per_grain,
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
+                missed: (f64::NAN, f64::NAN),
             };
             let cpu = self.cpu;
             let mut found = Found::NotYet;
@@ -469,7 +474,11 @@ impl Search {
         };
         let p = drawn_from_cells / self.region_cells;
         if p < 1.0 {
-            let unseen = ln_1p(-uniform(rng)) / ln_1p(-p);
+            // Many draws are made from one volume.
+            if self.missed.0 != drawn_from_cells {
+                self.missed = (drawn_from_cells, ln_1p(-p));
+            }
+            let unseen = ln_1p(-uniform(rng)) / self.missed.1;
             // Saturates where nearly nothing is left.
             self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
         } else if !inside {

@@ -8,6 +8,7 @@ use crate::properties::properties;
 use proptest::prelude::*;
 
 use crate::methods::edmd::queue::{Entry, Queue};
+use crate::methods::edmd::records::Next;
 
 /// A time with a total order, and the grain.
 type Key = (u64, u32);
@@ -70,8 +71,8 @@ fn step() -> impl Strategy<Value = Step> {
 struct Both {
     queue: Queue,
     heap: BinaryHeap<Reverse<Key>>,
-    /// The time of each grain's next event.
-    next: Vec<Option<f64>>,
+    /// Each grain's next event; without one, at an infinite time.
+    next: Vec<Next>,
     now: f64,
 }
 
@@ -85,13 +86,13 @@ impl Both {
     fn reset(&mut self, grains: usize, events_per_time: f64) {
         self.queue.reset(grains, events_per_time).unwrap();
         self.heap.clear();
-        self.next = vec![None; GRAINS as usize];
+        self.next = vec![Next { time: f64::INFINITY, with: 0 }; GRAINS as usize];
         self.now = 0.0;
     }
 
     fn push(&mut self, grain: u32, after: f64) {
         let time = self.now + after;
-        self.next[grain as usize] = Some(time);
+        self.next[grain as usize].time = time;
         self.queue.push(time, grain);
         self.heap.push(Reverse(key(time, grain)));
     }
@@ -99,13 +100,13 @@ impl Both {
     /// What both say comes up next.
     fn pop(&mut self) -> (Option<Entry>, Option<Key>) {
         let next = &self.next;
-        let entry = self.queue.pop(|entry| next[entry.grain as usize] == Some(entry.time), |_| ());
+        let entry = self.queue.pop(next);
         let expected = std::iter::from_fn(|| self.heap.pop())
             .map(|Reverse(key)| key)
-            .find(|&(time, grain)| next[grain as usize].is_some_and(|next| next.to_bits() == time));
+            .find(|&(time, grain)| next[grain as usize].time.to_bits() == time);
         if let Some(entry) = entry {
             self.now = entry.time;
-            self.next[entry.grain as usize] = None;
+            self.next[entry.grain as usize].time = f64::INFINITY;
         }
         (entry, expected)
     }
@@ -125,7 +126,7 @@ properties! {
         for step in steps {
             match step {
                 Step::Push { grain, after } => both.push(grain, after),
-                Step::Forget { grain } => both.next[grain as usize] = None,
+                Step::Forget { grain } => both.next[grain as usize].time = f64::INFINITY,
                 Step::Pop => {
                     both.agree()?;
                 }
@@ -138,7 +139,7 @@ properties! {
             }
         }
         while both.agree()? {}
-        prop_assert!(both.next.iter().all(Option::is_none), "nothing is left behind");
+        prop_assert!(both.next.iter().all(|next| next.time == f64::INFINITY), "nothing is left behind");
     }
 
     /// As the dynamics use it: every event that comes up schedules another.
