@@ -229,10 +229,13 @@ impl<'a> Text<'a> {
         header: &str,
         append: impl Fn(usize, &mut Vec<u8>) + Sync,
     ) -> Result<(), ExportError> {
-        let make = |piece: usize, text: &mut Vec<u8>| {
+        let make = |piece: usize, slot: &mut Vec<u8>| {
+            // On the stack: the lengths of the texts lie side by side, and several threads would write them in turn.
+            let mut text = std::mem::take(slot);
             text.clear();
-            make_room(text, most_bytes + SPARE_BYTES)?;
-            append(piece, text);
+            make_room(&mut text, most_bytes + SPARE_BYTES)?;
+            append(piece, &mut text);
+            *slot = text;
             Ok(())
         };
         let mut header = Some(header);
