@@ -310,6 +310,7 @@ impl Lattice<'_> {
         for k in layers {
             for j in 0..ny {
                 let row = self.grid.inside(j);
+                // A row that has a neighbour all along has no outer element across y.
                 let beside = j.checked_add_signed(offset[1] as isize).filter(|j| *j < ny);
                 let beside = beside.map_or(0..0, |j| self.grid.inside(j));
                 if offset[1] != 0 && beside.start <= row.start && row.end <= beside.end {

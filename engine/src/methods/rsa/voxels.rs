@@ -362,6 +362,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::properties::properties;
 
     fn voxel(level: usize, cells: u32) -> impl Strategy<Value = Voxel> {
         let at = 0..1_u32 << level;
@@ -399,7 +400,7 @@ mod tests {
         })
     }
 
-    proptest! {
+    properties! {
         #[test]
         fn voxels_come_out_of_a_level_as_they_were_entered((level, cells, voxels) in level()) {
             let mut entered = Level::new(level, cells as usize);
