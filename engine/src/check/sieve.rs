@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::arrays;
+use crate::arrays::{self, Each as _};
 use crate::elementary::{cos, sin, sin_cos};
 use crate::shape::Polyhedron;
 use crate::sorting;
@@ -25,14 +25,15 @@ const RINGS: usize = 26;
 const STARTS: usize = 60;
 /// Openings after the coarse steps, over the least, that are followed to the end: more than these steps leave to gain.
 const FINISHED: f64 = 1.01;
-/// Angle by which these lie apart, in radians.
+/// Angle by which these lie apart, in radians, and by which those that came to the same place do not.
 const APART: f64 = 0.12;
+const SAME: f64 = 3.0e-3;
 /// Steps in radians: the first, the last of the coarse ones, the last.
-const STEPS: [f64; 3] = [0.04, 1.0e-3, 1.0e-7];
+const STEPS: [f64; 3] = [0.04, 1.0e-3, 2.0e-7];
 /// Directions of a step.
 const WAYS: usize = 16;
-/// Steps in vain in turned directions before steps get shorter.
-const TRIES: usize = 4;
+/// Steps in vain in turned directions before steps get shorter: of coarse ones and of others.
+const TRIES: [usize; 2] = [2, 4];
 /// A direction whose own width is so much more than the best opening is not followed.
 const HOPELESS: f64 = 1.15;
 
@@ -58,28 +59,39 @@ pub(super) fn sieve_size(body: &Polyhedron) -> f64 {
         found.push((opening, axis));
     }
     sorting::by_number(&mut found, |(opening, _)| *opening);
-    let mut starts: Vec<(f64, V)> = Vec::new();
-    for candidate in found {
-        if starts.len() < STARTS && starts.iter().all(|start| start.1.dot(&candidate.1).abs() < cos(APART)) {
-            starts.push(candidate);
-        }
-    }
-    let mut search = |start: (f64, V), from: f64, to: f64| descend(&mut outlines, start, [from, to]);
-    let mut coarse: Vec<(f64, V)> =
-        starts.into_iter().map(|start| search(start, STEPS[0], STEPS[1])).collect();
+    let starts = apart(found, APART, STARTS);
+    let mut search = |start: (f64, V), stage: usize| descend(&mut outlines, start, stage);
+    let mut coarse: Vec<(f64, V)> = starts.into_iter().map(|start| search(start, 0)).collect();
     sorting::by_number(&mut coarse, |(opening, _)| *opening);
     let bound = FINISHED * coarse.first().map_or(f64::INFINITY, |start| start.0);
-    let close = coarse.into_iter().take_while(|start| start.0 <= bound);
-    let fine = close.map(|start| search(start, STEPS[1], STEPS[2]).0);
+    coarse.retain(|start| start.0 <= bound);
+    let fine = apart(coarse, SAME, STARTS).into_iter().map(|start| search(start, 1).0);
     fine.fold(f64::INFINITY, f64::min) + 2.0 * body.rounding()
 }
 
-/// Steps from a direction to those of smaller openings.
-fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64; 2]) -> (f64, V) {
+/// The first directions that lie so far apart, in radians, up to a number of them.
+fn apart(directions: Vec<(f64, V)>, angle: f64, most: usize) -> Vec<(f64, V)> {
+    let chord2 = (2.0 * sin(angle / 2.0)).powi(2);
+    let mut found: Vec<(f64, V)> = Vec::new();
+    for candidate in directions {
+        // A direction and its opposite are the same.
+        let is_apart = |other: &(f64, V)| {
+            let (difference, sum) = (candidate.1 - other.1, candidate.1 + other.1);
+            difference.norm_squared().min(sum.norm_squared()) > chord2
+        };
+        if found.len() < most && found.iter().all(is_apart) {
+            found.push(candidate);
+        }
+    }
+    found
+}
+
+/// Steps from a direction to those of smaller openings, coarse ones in stage 0 and fine ones in stage 1.
+fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), stage: usize) -> (f64, V) {
     let ways: [(f64, f64); WAYS] =
         arrays::from_fn(|way| sin_cos(std::f64::consts::TAU * way as f64 / WAYS as f64));
-    let (mut step, mut turn, mut in_vain) = (from, 0.0_f64, 0);
-    while step > to {
+    let (mut step, mut turn, mut in_vain) = (STEPS[stage], 0.0_f64, 0);
+    while step > STEPS[stage + 1] {
         let [u, v] = frame(&axis);
         let before = best;
         let (sin, cos) = sin_cos(turn);
@@ -97,7 +109,7 @@ fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64
         // Other ways each time, so that no narrow valley lies between them for ever.
         turn += 1.0;
         in_vain = if best < before { 0 } else { in_vain + 1 };
-        if in_vain >= TRIES {
+        if in_vain >= TRIES[stage] {
             step *= 0.5;
             in_vain = 0;
         }
@@ -106,9 +118,12 @@ fn descend(body: &mut Body<'_>, (mut best, mut axis): (f64, V), [from, to]: [f64
 }
 
 fn width(corners: &[V], axis: &V) -> f64 {
-    let heights = corners.iter().map(|corner| corner.dot(axis));
-    let (low, high) =
-        heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for corner in corners {
+        let height = product(corner, axis);
+        low = if height < low { height } else { low };
+        high = if height > high { height } else { high };
+    }
     high - low
 }
 
@@ -132,18 +147,25 @@ fn frame(axis: &V) -> [V; 2] {
     [u, axis.cross(&u)]
 }
 
+/// An edge between two faces.
+struct Edge {
+    ends: [u32; 2],
+    /// The face that it goes around counter-clockwise, from the first end to the second, and the other one.
+    faces: [u32; 2],
+    length2: f64,
+}
+
 /// What outlines are found from.
 struct Body<'a> {
     corners: &'a [V],
     /// Normals of the faces, of any length.
     normals: Vec<V>,
-    /// Ends of the edges with the faces on both sides.
-    edges: Vec<([u32; 2], [u32; 2])>,
-    /// Whether each face is turned towards the axis, whether each corner is one of the outline, the corners of the
-    /// outline as seen along the axis, and its edges as vectors there; kept for the next axis.
+    edges: Vec<Edge>,
+    /// Kept for the next axis: whether each face is turned towards the axis, the corners as seen along it, those of
+    /// the outline, and its edges as vectors there.
     is_front: Vec<bool>,
-    is_seen: Vec<bool>,
     seen: Vec<[f64; 2]>,
+    outline: Vec<[f64; 2]>,
     sides: Vec<[f64; 2]>,
 }
 
@@ -160,14 +182,17 @@ impl<'a> Body<'a> {
             for (i, &from) in vertices.iter().enumerate() {
                 let to = vertices[(i + 1) % vertices.len()];
                 match open.remove(&[to, from]) {
-                    Some(other) => edges.push(([from, to], [face as u32, other])),
+                    Some(other) => {
+                        let length2 = (at(to) - at(from)).norm_squared();
+                        edges.push(Edge { ends: [from, to], faces: [face as u32, other], length2 });
+                    }
                     None => drop(open.insert([from, to], face as u32)),
                 }
             }
         }
-        let normals = body.faces().iter().map(normal).collect();
-        let is_seen = vec![false; corners.len()];
-        Self { corners, normals, edges, is_front: Vec::new(), is_seen, seen: Vec::new(), sides: Vec::new() }
+        let normals: Vec<V> = body.faces().iter().map(normal).collect();
+        let (is_front, seen) = (vec![false; normals.len()], vec![[0.0; 2]; corners.len()]);
+        Self { corners, normals, edges, is_front, seen, outline: Vec::new(), sides: Vec::new() }
     }
 
     /// The side of the square for a side of a direction along which the body has this width: that width, or the least
@@ -177,51 +202,55 @@ impl<'a> Body<'a> {
     /// The outline has the edges between a face that is turned towards the axis and one that is not; a face along the
     /// axis may count as either.
     fn opening(&mut self, axis: &V, width: f64) -> f64 {
-        self.is_front.clear();
-        self.is_front.extend(self.normals.iter().map(|normal| normal.dot(axis) > 0.0));
-        self.is_seen.fill(false);
-        self.seen.clear();
-        self.sides.clear();
         let [u, v] = frame(axis);
-        for edge in 0..self.edges.len() {
-            let (ends, [f, g]) = self.edges[edge];
-            if self.is_front[f as usize] == self.is_front[g as usize] {
+        for (is_front, normal) in self.is_front.iter_mut().zip(&self.normals) {
+            *is_front = product(normal, axis) > 0.0;
+        }
+        for (seen, corner) in self.seen.iter_mut().zip(self.corners) {
+            *seen = [product(corner, &u), product(corner, &v)];
+        }
+        self.sides.clear();
+        self.outline.clear();
+        for Edge { ends, faces: [left, right], length2 } in &self.edges {
+            let is_front = self.is_front[*left as usize];
+            if is_front == self.is_front[*right as usize] {
                 continue;
             }
-            let (from, to) = (self.see(ends[0], &u, &v), self.see(ends[1], &u, &v));
-            let along = self.corners[ends[1] as usize] - self.corners[ends[0] as usize];
+            let [from, to] = ends.each(|end| self.seen[end as usize]);
+            // With the faces that are turned towards the axis on its left, each corner is where one edge begins.
+            self.outline.push(if is_front { from } else { to });
             let side = [to[0] - from[0], to[1] - from[1]];
             // An edge along the axis is a corner of the outline, and has no direction in it.
-            if side[0] * side[0] + side[1] * side[1] > ALONG * ALONG * along.norm_squared() {
+            if side[0] * side[0] + side[1] * side[1] > ALONG * ALONG * length2 {
                 self.sides.push(side);
             }
         }
-        let mut least = f64::INFINITY;
+        // The least width as its square times that of the length of the side, and the latter.
+        let (mut least2, mut of_length2) = (f64::INFINITY, 1.0);
         for [x, y] in &self.sides {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            for seen in &self.seen {
+            for seen in &self.outline {
                 let height = seen[1] * x - seen[0] * y;
                 low = if height < low { height } else { low };
                 high = if height > high { height } else { high };
             }
-            least = least.min((high - low) / (x * x + y * y).sqrt());
-            if least <= width {
+            let (extent2, length2) = ((high - low) * (high - low), x * x + y * y);
+            if extent2 <= width * width * length2 {
                 return width;
             }
+            if extent2 * of_length2 < least2 * length2 {
+                (least2, of_length2) = (extent2, length2);
+            }
         }
-        least
+        (least2 / of_length2).sqrt()
     }
+}
 
-    /// A corner of the outline in the plane of two directions; kept as one, if it is not yet.
-    #[inline]
-    fn see(&mut self, corner: u32, u: &V, v: &V) -> [f64; 2] {
-        let at = &self.corners[corner as usize];
-        let seen = [at.dot(u), at.dot(v)];
-        if !std::mem::replace(&mut self.is_seen[corner as usize], true) {
-            self.seen.push(seen);
-        }
-        seen
-    }
+/// The product of two vectors, written out: it is not inlined in every build otherwise.
+#[inline(always)]
+#[allow(clippy::inline_always)]
+fn product(a: &V, b: &V) -> f64 {
+    a.x * b.x + a.y * b.y + a.z * b.z
 }
 
 #[cfg(test)]

@@ -1,11 +1,11 @@
 //! The event queue: a calendar of bins in time, of which only the current one is sorted (Paul 2007, DOI
 //! 10.1016/j.jcp.2006.06.042).
 //!
-//! Pushing and popping cost O(1) whatever the number of events. A bin names grains only: the time of an event is that of
-//! its grain's next one. Names are never removed: when a bin comes up, grains whose next event lies elsewhere by then
-//! are dropped, and so are names that stand in it twice. Events beyond the last bin are not kept at all: when the bins
-//! are used up, all grains are looked through. Ties in time are broken by the grain, so that the order of events does
-//! not depend on the order of pushes.
+//! Pushing and popping cost O(1) whatever the number of events. A bin names grains only: the time of an event is that
+//! of its grain's next one. Names are never removed: when a bin comes up, grains whose next event lies elsewhere by
+//! then are dropped, and so are names that stand in it twice. Events beyond the last bin are not kept at all: when the
+//! bins are used up, all grains are looked through. Ties in time are broken by the grain, so that the order of events
+//! does not depend on the order of pushes.
 
 use super::records::Next;
 use crate::cpu::prefetch;

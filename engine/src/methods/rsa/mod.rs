@@ -6,10 +6,10 @@
 //! one.
 //!
 //! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
-//! proves saturation when none is left; `voxels` is how they are kept (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
-//! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes). This module drives both: it cuts
-//! the grains into segments of similar size, each with a grid of its own. In runs of many grains, `ahead` has points
-//! drawn and tested by several threads.
+//! proves saturation when none is left (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
+//! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes); `voxels` keeps them. This module
+//! drives both: it cuts the grains into segments of similar size, each with a grid of its own. In runs of many grains,
+//! `ahead` has points drawn and tested by several threads.
 
 // Forced inlining carries the instruction set of the search to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]

@@ -225,7 +225,8 @@ impl Bin {
     const EMPTY: Self = Self { block: NIL, voxels: PER_BLOCK as u32 };
 }
 
-/// Deferred voxels by bin: a bin is opened after all before it, and its voxels then come out from the largest part down.
+/// Deferred voxels by bin: a bin is opened after all before it, and its voxels then come out from the largest part
+/// down.
 ///
 /// Bins share the memory of their blocks.
 #[derive(Debug, Default)]
