@@ -119,6 +119,17 @@ struct Changed<S: ConvexShape> {
     more: f64,
 }
 
+impl<S: ConvexShape> Changed<S> {
+    /// Whether the skin of the site has room for the other shape where the site is now, for the lists hold no farther.
+    #[inline(always)]
+    fn keeps_skin(&self, system: &System<S>, site: usize) -> bool {
+        let (cold, taken) = (&system.cold[site], self.longer + self.more);
+        taken <= SKIN_SHARE * cold.skin
+            && (taken == 0.0
+                || taken + system.skin_used(site, system.hot[site].center, cold.orientation) <= cold.skin)
+    }
+}
+
 #[inline(always)]
 fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Changed<S> {
     let (old, new) = (&system.cold[site], &system.cold[from]);
@@ -135,16 +146,12 @@ fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Chan
 fn swap<I: InstructionSet>(set: I, system: &mut System<impl ConvexShape>, i: usize, j: usize) -> bool {
     let at_j = changed(system, j, i);
     let mut planes_j = Pending::new();
-    if at_j.longer + at_j.more > SKIN_SHARE * system.cold[j].skin
-        || !fits(set, system, j, &at_j.as_if, at_j.more, &mut planes_j)
-    {
+    if !at_j.keeps_skin(system, j) || !fits(set, system, j, &at_j.as_if, at_j.more, &mut planes_j) {
         return false;
     }
     let at_i = changed(system, i, j);
     let mut planes_i = Pending::new();
-    if at_i.longer + at_i.more > SKIN_SHARE * system.cold[i].skin
-        || !fits(set, system, i, &at_i.as_if, at_i.more, &mut planes_i)
-    {
+    if !at_i.keeps_skin(system, i) || !fits(set, system, i, &at_i.as_if, at_i.more, &mut planes_i) {
         return false;
     }
     // Each fits beside the other as it was.

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::*;
+use crate::control::Unattended;
 use crate::distance::DistanceRule;
 use crate::methods::monte_carlo::Limits;
 use crate::mix::uniform_orientation;
@@ -85,4 +86,33 @@ fn a_checkpoint_has_the_expansions() {
     let read = Run::read(&of, &body, Instant::now()).unwrap();
     assert_eq!((read.expansions, read.jammed_at), (run.expansions, run.jammed_at));
     assert_eq!((read.expansions, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
+}
+
+/// Lists hold for grains that stay in their skins: through moves, pushes, and swaps after both.
+#[test]
+fn grains_stay_in_the_skins_that_their_lists_hold_for() {
+    let shapes: Vec<Ellipsoid> = (0..150)
+        .map(|i| 3.0 - 0.012 * f64::from(i))
+        .map(|a| Ellipsoid::new([a, 0.8 * a, 0.6 * a]).unwrap())
+        .collect();
+    for seed in 1..5 {
+        let of = MonteCarlo { seed, ..method(&shapes) };
+        let packed = of.run(None, &Unattended).unwrap();
+        // Once more, from grains of less size at the same places.
+        let mut run = Run::new(&of, &packed.poses, 0.85, Instant::now()).unwrap();
+        let mut most = 0.0_f64;
+        while !run.is_full_size() && run.statistics.cycles < 1000 {
+            let by = run.tighten();
+            if run.lists_are_due(by) {
+                run.build_lists().unwrap();
+            }
+            assert!(run.cycle(&of, by, &Unattended).unwrap());
+            for (i, (hot, cold)) in run.system.hot.iter().zip(&run.system.cold).enumerate() {
+                most = most.max(run.system.skin_used(i, hot.center, cold.orientation) / cold.skin);
+            }
+        }
+        assert!(run.is_full_size() && run.counted().swaps_accepted > 1000);
+        // Where a cycle is undone in part, all places move apart, those of the lists as well.
+        assert!(most < 1.0 + MOST_RATE, "{most} of a skin are used");
+    }
 }
