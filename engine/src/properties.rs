@@ -1,7 +1,7 @@
 //! Properties that hold for random inputs, by the crate `proptest`, with one copy of its runner for all of them.
 //!
-//! `proptest!` compiles its runner anew for each property: 90 copies were a tenth of what the unit tests took to build.
-//! [`properties!`] has the same form and hands the runner a case whose type does not tell the inputs.
+//! `proptest!` compiles its runner anew for each property: 90 copies were 0.7 MB of machine code in the unit tests.
+//! [`properties!`] has the same form, and hands the runner cases of one type, whatever the inputs are.
 
 use std::fmt::{Debug, Formatter};
 
@@ -40,7 +40,7 @@ macro_rules! properties {
 }
 pub(crate) use properties;
 
-/// A property and what it shall hold for.
+/// A property with inputs that it shall hold for.
 trait Case: Debug {
     fn holds(self: Box<Self>) -> TestCaseResult;
 }

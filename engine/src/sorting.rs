@@ -1,8 +1,8 @@
 //! Sorting by numbers, for all places where the time that it takes does not count.
 //!
 //! The sort of the standard library is some thousand instructions long, and is compiled anew for each comparison that
-//! it is called with: 60 copies were a tenth of the time that the engine takes to build. Here are two of them. Numbers
-//! are in the order of [`f64::total_cmp`].
+//! it is called with: 60 copies were 0.39 of 4.4 MB of machine code of the engine. Two serve all that is sorted here.
+//! Numbers are in the order of [`f64::total_cmp`].
 
 /// Sorts numbers from the least to the largest.
 pub(crate) fn ascending(numbers: &mut [f64]) {
@@ -49,28 +49,31 @@ mod tests {
         prop::collection::vec(prop_oneof![(-5..5_i32).prop_map(f64::from), special, any::<f64>()], 0..60)
     }
 
-    fn bits(numbers: &[f64]) -> Vec<u64> {
-        numbers.iter().map(|x| x.to_bits()).collect()
+    fn bits<'a>(numbers: impl Iterator<Item = &'a f64>) -> impl Iterator<Item = u64> {
+        numbers.map(|x| x.to_bits())
+    }
+
+    fn places(rows: &[(f64, usize)]) -> Vec<usize> {
+        rows.iter().map(|row| row.1).collect()
     }
 
     properties! {
         #[test]
         fn the_order_is_that_of_the_standard_library(numbers in numbers()) {
-            let mut expected: Vec<(f64, usize)> = numbers.iter().copied().zip(0..).collect();
-            let mut items = expected.clone();
+            let rows: Vec<(f64, usize)> = numbers.iter().copied().zip(0..).collect();
+            let (mut items, mut expected) = (rows.clone(), rows.clone());
             expected.sort_by(|a, b| a.0.total_cmp(&b.0));
             by_number(&mut items, |item| item.0);
-            prop_assert!(items.iter().map(|item| item.1).eq(expected.iter().map(|item| item.1)));
+            prop_assert_eq!(places(&items), places(&expected));
             let mut sorted = numbers.clone();
             ascending(&mut sorted);
-            prop_assert_eq!(bits(&sorted), expected.iter().map(|item| item.0.to_bits()).collect::<Vec<_>>());
+            prop_assert!(bits(sorted.iter()).eq(bits(expected.iter().map(|item| &item.0))));
+            let (mut items, mut expected) = (rows.clone(), rows);
             expected.sort_by(|a, b| b.0.total_cmp(&a.0));
             by_number(&mut items, |item| -item.0);
-            prop_assert_eq!(&bits(&sorted).into_iter().rev().collect::<Vec<_>>(), &bits(&{
-                descending(&mut sorted);
-                sorted.clone()
-            }));
-            prop_assert!(items.iter().map(|item| item.0.to_bits()).eq(expected.iter().map(|item| item.0.to_bits())));
+            prop_assert_eq!(places(&items), places(&expected));
+            descending(&mut sorted);
+            prop_assert!(bits(sorted.iter()).eq(bits(expected.iter().map(|item| &item.0))));
         }
     }
 }

@@ -134,11 +134,9 @@ impl Thirds {
                 *weight /= sum;
             }
         }
-        let mut thirds = Self { order: (0..d_mm.len() as u32).collect(), coarsest, finest };
-        let mut order = std::mem::take(&mut thirds.order);
-        sorting::by_number(&mut order, |&grain| -thirds.weight(grain as usize).abs());
-        thirds.order = order;
-        thirds
+        let mut order: Vec<u32> = (0..d_mm.len() as u32).collect();
+        sorting::by_number(&mut order, |&i| -(coarsest[i as usize] - finest[i as usize]).abs());
+        Self { coarsest, finest, order }
     }
 
     /// Mean diameter over the coarsest third.
@@ -186,7 +184,7 @@ impl Measured {
 /// The orders of the cosines in a product, by field; 0 where the field is left out.
 type Orders = [u32; 4];
 
-/// Cosines and sines of so many half turns, by their number, times a share of a field.
+/// Cosine and sine of `order * PI * share`, by the order, for one share of a field.
 struct Turns {
     cosines: [f64; 3],
     sines: [f64; 3],

@@ -132,7 +132,7 @@ pub(super) fn in_order<S: Send, E: Send>(
 type Make<'f, S, E> = dyn Fn(usize, &mut S) -> Result<(), E> + Sync + 'f;
 type Take<'f, S, E> = dyn FnMut(usize, &mut S) -> Result<(), E> + 'f;
 
-/// [`in_order`], compiled once for all that is made in the same slots.
+/// [`in_order`], compiled once for each type of slots and errors.
 fn run<S: Send, E: Send>(
     slots: &mut [S],
     pieces: usize,

@@ -4,6 +4,7 @@
 //! [`edmd`] lets smaller spheres move, collide and grow, [`monte_carlo`] lets ellipsoids and convex polyhedra move at
 //! random, push each other and grow.
 
+mod bins;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod brute_force_tests;

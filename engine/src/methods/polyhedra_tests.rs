@@ -191,7 +191,8 @@ properties! {
     #[test]
     fn random_templates_are_packed_without_violation(
         seed in 0_u64..1_000_000, kind in 0..3_usize, elongation in 0.3..1.0_f64, flatness in 0.4..1.0_f64,
-        rounding in prop_oneof![Just(0.0), 0.001..0.25_f64], specimen in 0..3_usize, grows in any::<bool>(), is_mixed in any::<bool>(),
+        rounding in prop_oneof![Just(0.0), 0.001..0.25_f64], specimen in 0..3_usize,
+        grows in any::<bool>(), is_mixed in any::<bool>(),
     ) {
         let kind =
             [TemplateKind::Cuts(8 + (seed % 20) as u32), TemplateKind::Cuboid(0.2), TemplateKind::Voronoi][kind];

@@ -9,7 +9,8 @@
 
 use super::records::Next;
 use crate::cpu::prefetch;
-use crate::memory::{OutOfMemory, make_room, push, refill};
+use crate::memory::OutOfMemory;
+use crate::methods::bins::Bins;
 
 /// Events per bin aimed at, and with so many grains that memory must be asked some events ahead.
 const PER_BIN: f64 = 4.0;
@@ -18,8 +19,6 @@ const PER_BIN_AHEAD: f64 = 32.0;
 pub(crate) const READ_AHEAD: usize = 8_000;
 /// Grains of a block: with the number of another one, a cache line.
 const PER_BLOCK: usize = 15;
-/// No block.
-const NIL: u32 = u32::MAX;
 
 /// One scheduled event.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,32 +27,11 @@ pub(crate) struct Entry {
     pub(crate) grain: u32,
 }
 
-/// Some grains of a bin, and the block that holds further ones, or the next one that is not in use.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-struct Block {
-    grains: [u32; PER_BLOCK],
-    below: u32,
-}
-
-/// A bin: its last block, and how many grains that has. All others are full.
-#[derive(Clone, Copy, Debug)]
-struct Bin {
-    block: u32,
-    grains: u32,
-}
-
-impl Bin {
-    const EMPTY: Self = Self { block: NIL, grains: PER_BLOCK as u32 };
-}
-
 /// The queue.
 #[derive(Debug, Default)]
 pub(crate) struct Queue {
-    bins: Vec<Bin>,
-    blocks: Vec<Block>,
-    /// The first block that is not in use.
-    free: u32,
+    /// Grains by the time of their next event.
+    bins: Bins<u32, PER_BLOCK>,
     /// The current bin, latest first.
     current: Vec<Entry>,
     cursor: usize,
@@ -73,10 +51,7 @@ impl Queue {
     pub(crate) fn reset(&mut self, grains: usize, events_per_time: f64) -> Result<(), OutOfMemory> {
         let per_bin = if grains < READ_AHEAD { PER_BIN } else { PER_BIN_AHEAD };
         let bins = ((grains as f64 / per_bin) as usize).next_power_of_two().clamp(64, 1 << 22);
-        refill(&mut self.bins, bins, Bin::EMPTY)?;
-        self.blocks.clear();
-        make_room(&mut self.blocks, bins + grains / PER_BLOCK)?;
-        self.free = NIL;
+        self.bins.reset(bins, bins + grains / PER_BLOCK)?;
         self.current.clear();
         self.cursor = 0;
         self.start = 0.0;
@@ -95,20 +70,14 @@ impl Queue {
         self.per_width = 1.0 / self.width;
     }
 
-    /// The bin of a time: 0 before the window, and none there is beyond it.
-    #[inline(always)]
-    fn bin_of(&self, time: f64) -> usize {
-        ((time - self.start) * self.per_width) as usize
-    }
-
     /// Schedules the next event of a grain.
     #[inline(always)]
     pub(crate) fn push(&mut self, time: f64, grain: u32) {
-        let bin = self.bin_of(time);
+        let bin = bin_of(time, self.start, self.per_width);
         if bin <= self.cursor {
             self.insert_current(Entry { time, grain });
         } else if bin < self.bins.len() {
-            self.enter(bin, grain);
+            self.bins.push(bin, grain, &mut self.refused);
         }
     }
 
@@ -119,34 +88,6 @@ impl Queue {
             at -= 1;
         }
         self.current.insert(at, entry);
-    }
-
-    /// Notes a grain in a bin.
-    #[inline(always)]
-    fn enter(&mut self, bin: usize, grain: u32) {
-        if self.bins[bin].grains as usize == PER_BLOCK {
-            self.add_block(bin);
-        }
-        let Bin { block, grains } = &mut self.bins[bin];
-        if let Some(block) = self.blocks.get_mut(*block as usize) {
-            block.grains[*grains as usize] = grain;
-            *grains += 1;
-        }
-    }
-
-    /// Gives a bin whose last block is full another one, where there is memory for it.
-    #[inline]
-    fn add_block(&mut self, bin: usize) {
-        let mut block = self.free;
-        if block == NIL {
-            block = self.blocks.len() as u32;
-            push(&mut self.blocks, Block { grains: [0; PER_BLOCK], below: NIL }, &mut self.refused);
-        }
-        if let Some(added) = self.blocks.get_mut(block as usize) {
-            self.free = added.below;
-            added.below = self.bins[bin].block;
-            self.bins[bin] = Bin { block, grains: 0 };
-        }
     }
 
     /// The earliest of the next events of all grains, all of which were pushed.
@@ -193,38 +134,25 @@ impl Queue {
 
     /// Moves the grains of the bin at the cursor whose next event lies in it to the current bin.
     fn load(&mut self, next: &[Next]) {
-        let mut bin = std::mem::replace(&mut self.bins[self.cursor], Bin::EMPTY);
-        while bin.block != NIL {
-            let block = self.blocks[bin.block as usize];
-            for &grain in &block.grains[..bin.grains as usize] {
+        let Self { bins, current, cursor, start, per_width, .. } = self;
+        bins.drain(*cursor, |grains| {
+            for &grain in grains {
                 let time = next[grain as usize].time;
-                if self.bin_of(time) == self.cursor {
-                    self.current.push(Entry { time, grain });
+                if bin_of(time, *start, *per_width) == *cursor {
+                    current.push(Entry { time, grain });
                 }
             }
-            self.blocks[bin.block as usize].below = self.free;
-            self.free = bin.block;
-            bin = Bin { block: block.below, ..Bin::EMPTY };
-        }
+        });
         sort_latest_first(&mut self.current);
         self.current.dedup();
     }
 
-    /// Asks the memory for what the bins after that at the cursor need, each time one step further: blocks, then the
-    /// blocks below them, then the next events of the grains.
+    /// Asks the memory for what the bins after that at the cursor need, each time one step further: their last blocks,
+    /// those before them, then the next events of the grains.
     fn ask_ahead(&self, next: &[Next]) {
-        let block = |after: usize| self.bins.get(self.cursor + after).map_or(NIL, |bin| bin.block) as usize;
-        prefetch(&self.blocks, block(3));
-        if let Some(last) = self.blocks.get(block(2)) {
-            prefetch(&self.blocks, last.below as usize);
-        }
-        let Some(mut bin) = self.bins.get(self.cursor + 1).copied() else { return };
-        while let Some(block) = self.blocks.get(bin.block as usize) {
-            for &grain in &block.grains[..bin.grains as usize] {
-                prefetch(next, grain as usize);
-            }
-            bin = Bin { block: block.below, ..Bin::EMPTY };
-        }
+        self.bins.ask_for_last(self.cursor + 3);
+        self.bins.ask_for_next_to_last(self.cursor + 2);
+        self.bins.for_each(self.cursor + 1, |grain| prefetch(next, grain as usize));
     }
 
     /// Moves the window on; says whether anything is left.
@@ -248,6 +176,12 @@ impl Queue {
         }
         true
     }
+}
+
+/// The bin of a time: 0 before the window, and none that there is beyond it.
+#[inline(always)]
+fn bin_of(time: f64, start: f64, per_width: f64) -> usize {
+    ((time - start) * per_width) as usize
 }
 
 /// Whether `a` comes before `b`.
@@ -315,9 +249,9 @@ mod tests {
                 next[entry.grain as usize].time = f64::INFINITY;
             }
             if turn == 5000 {
-                most = queue.blocks.len();
+                most = queue.bins.blocks();
             }
         }
-        assert!(most > 0 && queue.blocks.len() < 2 * most, "{most} {}", queue.blocks.len());
+        assert!(most > 0 && queue.bins.blocks() < 2 * most, "{most} {}", queue.bins.blocks());
     }
 }

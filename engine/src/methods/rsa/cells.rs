@@ -329,7 +329,7 @@ impl Cells {
     pub(super) fn gather_around(&self, cell: usize, p: [f64; 3], part_mm: f64, into: &mut Vec<Placed>) {
         into.clear();
         let known = &self.entries[self.starts[cell] as usize..self.starts[cell + 1] as usize];
-        // By hand, for `extend` would not be compiled for the instruction set.
+        // By hand: what `extend` calls is not compiled for the instruction set.
         for &entry in known {
             let sphere = self.sphere(entry);
             if covers(&sphere, p, part_mm) {

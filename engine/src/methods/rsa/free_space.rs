@@ -119,7 +119,7 @@ impl<'a> FreeSpace<'a> {
         let VoxelBuffers { cells: memory, mut waiting } = buffers;
         // Levels below the cells are those that are in use: their number decides what is drawn.
         let active = Level::of_cells(memory, (0..cells.len()).filter(is_inside), cells.len())?;
-        waiting.reset(SIZE_BINS);
+        waiting.reset(SIZE_BINS)?;
         Ok(Self {
             active: vec![active],
             waiting,

@@ -7,13 +7,12 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 use crate::memory::{OutOfMemory, make_room, push};
+use crate::methods::bins::Bins;
 
 /// Deepest level whose voxels are kept in 64 bits.
 const MAX_SHORT_LEVEL: usize = 10;
-/// Deferred voxels of a block: half a block is wasted in every bin.
-const PER_BLOCK: usize = 64;
-/// No block.
-const NIL: u32 = u32::MAX;
+/// Deferred voxels of a block, which takes 1 KiB with the number of another one: half a block is wasted in every bin.
+const PER_BLOCK: usize = 63;
 
 /// A voxel of some level: its cell, and its place in the cell in units of its own edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -214,35 +213,17 @@ macro_rules! ordered {
 }
 ordered!(DeferredShort, DeferredLong);
 
-/// The last block of a bin, and how many voxels that has. All others are full.
-#[derive(Clone, Copy, Debug)]
-struct Bin {
-    block: u32,
-    voxels: u32,
-}
-
-impl Bin {
-    const EMPTY: Self = Self { block: NIL, voxels: PER_BLOCK as u32 };
-}
-
 /// Deferred voxels by bin: a bin is opened after all before it, and its voxels then come out from the largest part
 /// down.
-///
-/// Bins share the memory of their blocks.
 #[derive(Debug, Default)]
 pub(super) struct Waiting {
-    bins: Vec<Bin>,
+    /// Voxels of bins that are not open yet.
+    bins: Bins<DeferredShort, PER_BLOCK>,
     /// Bins before this one are open.
     open: usize,
-    /// Voxels of all blocks.
-    voxels: Vec<DeferredShort>,
-    /// For each block, the one below it in its bin, or the next one that is not in use.
-    below: Vec<u32>,
-    /// The first block that is not in use.
-    free: u32,
-    /// Voxels of open bins,
+    /// Voxels of open bins.
     due: BinaryHeap<DeferredShort>,
-    /// and those of deep levels, of all bins.
+    /// Voxels of levels beyond [`MAX_SHORT_LEVEL`], of all bins.
     long: BinaryHeap<DeferredLong>,
     /// Memory that a voxel was refused.
     refused: Option<OutOfMemory>,
@@ -250,15 +231,15 @@ pub(super) struct Waiting {
 
 impl Waiting {
     /// Empties it, for so many bins.
-    pub(super) fn reset(&mut self, bins: usize) {
-        self.bins.clear();
-        self.bins.resize(bins, Bin::EMPTY);
+    ///
+    /// # Errors
+    /// When the system refuses memory.
+    pub(super) fn reset(&mut self, bins: usize) -> Result<(), OutOfMemory> {
+        self.bins.reset(bins, 0)?;
         self.open = 0;
-        self.voxels.clear();
-        self.below.clear();
-        self.free = NIL;
         self.due.clear();
         self.long.clear();
+        Ok(())
     }
 
     /// The memory that a voxel was refused, if one was: voxels are missing since then.
@@ -282,50 +263,19 @@ impl Waiting {
             }
             return;
         }
-        if self.bins[bin].voxels as usize == PER_BLOCK && !self.add_block(bin) {
-            return;
-        }
-        let Bin { block, voxels } = &mut self.bins[bin];
-        self.voxels[*block as usize * PER_BLOCK + *voxels as usize] = deferred;
-        *voxels += 1;
-    }
-
-    /// Gives a bin another block; says whether there was memory for it.
-    fn add_block(&mut self, bin: usize) -> bool {
-        let mut block = self.free;
-        if block == NIL {
-            block = self.below.len() as u32;
-            if let Err(refused) = make_room(&mut self.voxels, PER_BLOCK) {
-                self.refused = Some(refused);
-                return false;
-            }
-            push(&mut self.below, NIL, &mut self.refused);
-            if self.refused.is_some() {
-                return false;
-            }
-            self.voxels.resize(self.voxels.len() + PER_BLOCK, DeferredShort::default());
-        }
-        let below = &mut self.below[block as usize];
-        self.free = *below;
-        *below = self.bins[bin].block;
-        self.bins[bin] = Bin { block, voxels: 0 };
-        true
+        self.bins.push(bin, deferred, &mut self.refused);
     }
 
     /// Opens the bins to this one.
     pub(super) fn open_to(&mut self, bin: usize) {
-        while self.open <= bin {
-            let mut opened = std::mem::replace(&mut self.bins[self.open], Bin::EMPTY);
-            while opened.block != NIL {
-                let first = opened.block as usize * PER_BLOCK;
-                if make_room_in(&mut self.due, PER_BLOCK, &mut self.refused) {
-                    self.due.extend(&self.voxels[first..first + opened.voxels as usize]);
+        let Self { bins, open, due, refused, .. } = self;
+        while *open <= bin {
+            bins.drain(*open, |voxels| {
+                if make_room_in(due, voxels.len(), refused) {
+                    due.extend(voxels);
                 }
-                let below = std::mem::replace(&mut self.below[opened.block as usize], self.free);
-                self.free = opened.block;
-                opened = Bin { block: below, ..Bin::EMPTY };
-            }
-            self.open += 1;
+            });
+            *open += 1;
         }
     }
 
@@ -427,7 +377,7 @@ mod tests {
             let mut waiting = Waiting::default();
             // A second time in the same memory.
             for _ in 0..2 {
-                waiting.reset(6);
+                prop_assert_eq!(waiting.reset(6), Ok(()));
                 let mut model: Vec<(Deferred, usize)> = Vec::new();
                 for (open, batch) in batches.iter().enumerate() {
                     for &(deferred, bin) in batch {
