@@ -1,4 +1,4 @@
-//! Items by bin, in blocks of memory that all bins share: the blocks of a bin that was emptied are those of others next.
+//! Items by bin, in blocks of memory that all bins share: an emptied bin leaves its blocks to the others.
 
 // Forced inlining carries the instruction set of a search to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
