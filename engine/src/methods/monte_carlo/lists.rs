@@ -6,13 +6,13 @@
 //! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
-use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, pack, unpack};
+use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, normal, pack, unpack};
 use super::system::{Container, HOME, IMAGES, System, opposite};
 use crate::arrays::Each as _;
 use crate::elementary::{cbrt, hypot, ln};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
-use crate::memory::{OutOfMemory, push, refill};
+use crate::memory::{OutOfMemory, push, refill, refill_with_room};
 
 /// Largest ratio of radii in a level.
 const LEVEL_RATIO: f64 = 1.6;
@@ -230,7 +230,7 @@ impl Lists {
         }
         system.groups = {
             let mut groups = std::mem::take(&mut system.groups);
-            refill(&mut groups, total, Group::EMPTY)?;
+            refill_with_room(&mut groups, total, Group::EMPTY)?;
             groups
         };
         for i in 0..n {
@@ -238,10 +238,8 @@ impl Lists {
             for wall in (0..6).filter(|wall| walls >> wall & 1 == 1) {
                 let at = self.next[i] as usize;
                 self.next[i] += 1;
-                let (normal, o) = system.wall_plane(wall, system.hot[i].d);
-                let group = &mut system.groups[at / LANES];
-                group.set(at % LANES, normal, o);
-                group.neighbors[at % LANES] = WALL + wall;
+                system.groups[at / LANES].neighbors[at % LANES] = WALL + wall;
+                system.lay_wall(i, at / LANES, at % LANES, system.hot[i].d);
             }
             let reach = self.reach[i] * shrink;
             let (is_near_lateral, is_near_itself) = is_special(system, i, reach, shrink, self.reserve);
@@ -267,13 +265,12 @@ impl Lists {
             self.next[grain] += 1;
             at
         });
-        let mut put = |at: usize, neighbor: u32, mirror: usize| {
-            let group = &mut system.groups[at / LANES];
-            group.neighbors[at % LANES] = neighbor;
-            group.mirrors[at % LANES] = mirror as u32;
+        let mut put = |at: usize, neighbor: u32, of: usize, mirror: usize| {
+            let place = mirror - LANES * system.cold[of].first as usize;
+            system.groups[at / LANES].enter(at % LANES, neighbor, place);
         };
-        put(at, neighbor, mirror);
-        put(mirror, pack(i, opposite(image)), at);
+        put(at, neighbor, j, mirror);
+        put(mirror, pack(i, opposite(image)), i, at);
         system.lay_first(i, at, n);
     }
 }
@@ -354,7 +351,7 @@ impl<S: ConvexShape> System<S> {
     /// Lays the first planes between two neighbours, along a direction near that of their gap.
     fn lay_first(&mut self, i: usize, at: usize, n: Vector) {
         let (group, lane) = (at / LANES, at % LANES);
-        self.groups[group].set(lane, n, 0.0);
+        self.groups[group].set(lane, normal(n), 0.0);
         let hot = self.hot[i];
         match self.decide(i, &hot, group, lane) {
             Decided::Apart(planes) => self.lay(&planes),

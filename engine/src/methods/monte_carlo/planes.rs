@@ -11,9 +11,13 @@
 //! else. Four planes at a time are held against the ellipsoid that the grain is, or that lies around it, with the shape
 //! matrix `A`; a polyhedron then looks at its vertices for the planes that the ellipsoid crosses. Only where it crosses
 //! a plane the pair is decided ([`crate::gap`]), and new planes are laid between the two if they are apart. A plane
-//! wall is a plane like any other, but one that never moves.
+//! wall is a plane as well, but one that never moves; a grain that crosses it is held against the wall itself.
+//!
+//! A plane takes 16 bytes, four of them a line of cache. The components of its normal are integers of 16 bits, which
+//! both grains read as they are: a plane need not have the direction of the gap, nor a normal of length 1. Its offset is
+//! counted from where the list of its grain was built, in single precision, rounded towards the grain.
 
-use super::system::{Hot, System};
+use super::system::{Hot, System, opposite};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes};
 use crate::gap::grain::{ConvexShape, PushContact, Turned};
@@ -34,38 +38,86 @@ pub const MAX_GRAINS: usize = ID_MASK as usize - 1;
 /// Turns of the search for the direction of a push.
 const PUSH_TURNS: u32 = 3;
 
+/// Length of a normal but for the rounding of its components, which changes it by less than 1.
+const UNIT: f64 = 32_767.0;
+/// Bounds of the length of a normal.
+pub(super) const SHORTEST: f64 = UNIT - 1.0;
+pub(super) const LONGEST: f64 = UNIT + 1.0;
+/// The place of a plane in a list that is too long for it.
+const FAR: u16 = u16::MAX;
+
+/// An offset that no grain reaches.
+const NEVER: f32 = 1e30;
+
+/// A normal, about [`UNIT`] long.
+pub(super) type Normal = [i16; 3];
+
+/// The normal nearest to a unit vector.
+#[inline(always)]
+pub(super) fn normal(n: Vector) -> Normal {
+    // Positive before the conversion, which rounds down then.
+    n.each(|c| ((c * UNIT + (UNIT + 1.5)) as i32 - (UNIT + 1.0) as i32) as i16)
+}
+
+/// The largest offset in single precision that is not above this one.
+#[inline(always)]
+pub(super) fn below(offset: f64) -> f32 {
+    // Rounding changes a number by less than 2^-24 of it.
+    (offset - offset.abs() * 6e-8) as f32
+}
+
 /// Four planes of a grain.
 #[derive(Clone, Copy, Debug)]
-#[repr(align(32))]
+#[repr(C, align(64))]
 pub(super) struct Group {
-    pub(super) n: [[f64; LANES]; 3],
-    pub(super) o: [f64; LANES],
+    normals: [[i16; LANES]; 3],
+    /// The place of the plane of the neighbour in its list, or [`FAR`].
+    mirrors: [u16; LANES],
+    /// From where the list of the grain was built, times the length of the normal.
+    pub(super) offsets: [f32; LANES],
     /// Neighbours with their images.
     pub(super) neighbors: [u32; LANES],
-    /// Where the neighbour has its plane: four times the group plus the lane.
-    pub(super) mirrors: [u32; LANES],
 }
 
 impl Group {
     /// A group whose planes are never crossed.
     pub(super) const EMPTY: Self = Self {
-        n: [[0.0; LANES]; 3],
-        o: [f64::INFINITY; LANES],
+        normals: [[0; LANES]; 3],
+        mirrors: [FAR; LANES],
+        offsets: [NEVER; LANES],
         neighbors: [NOBODY; LANES],
-        mirrors: [0; LANES],
     };
 
     #[inline(always)]
+    fn stored_normal(&self, lane: usize) -> Normal {
+        [self.normals[0][lane], self.normals[1][lane], self.normals[2][lane]]
+    }
+
+    /// A normal as it is, which is not of length 1.
+    #[inline(always)]
     pub(super) fn normal(&self, lane: usize) -> Vector {
-        [self.n[0][lane], self.n[1][lane], self.n[2][lane]]
+        self.stored_normal(lane).each(f64::from)
+    }
+
+    /// The direction of a normal.
+    #[inline(always)]
+    pub(super) fn unit(&self, lane: usize) -> Vector {
+        let n = self.normal(lane);
+        scaled(n, 1.0 / norm(n))
     }
 
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, n: Vector, o: f64) {
-        for (of_lane, n) in self.n.iter_mut().zip(n) {
-            of_lane[lane] = n;
+    pub(super) fn set(&mut self, lane: usize, normal: Normal, offset: f32) {
+        for (of_lane, c) in self.normals.iter_mut().zip(normal) {
+            of_lane[lane] = c;
         }
-        self.o[lane] = o;
+        self.offsets[lane] = offset;
+    }
+
+    /// Enters a neighbour whose plane lies at this place of its list.
+    pub(super) fn enter(&mut self, lane: usize, neighbor: u32, place: usize) {
+        self.neighbors[lane] = neighbor;
+        self.mirrors[lane] = u16::try_from(place).unwrap_or(FAR);
     }
 }
 
@@ -84,7 +136,7 @@ pub(super) fn is_wall(neighbor: u32) -> bool {
     neighbor >= WALL && neighbor != NOBODY
 }
 
-/// A grain in four lanes, by the ellipsoid around it.
+/// A grain in four lanes, by the ellipsoid around it and its centre, from where its list was built.
 #[derive(Clone, Copy)]
 pub(super) struct Spread<L> {
     center: [L; 3],
@@ -111,26 +163,20 @@ impl<L: Lanes> Spread<L> {
         }
     }
 
-    /// Mask of the planes of a group that the ellipsoid crosses, or would where they were nearer by `more`.
+    /// Mask of the planes of a group that the ellipsoid crosses, or would where their offsets were less by `more`.
     #[inline(always)]
     pub(super) fn crosses<S: InstructionSet<Lanes = L>>(&self, set: S, group: &Group, more: L) -> L {
-        let [x, y, z] = [set.lanes(group.n[0]), set.lanes(group.n[1]), set.lanes(group.n[2])];
+        let [x, y, z] = [
+            set.lanes(group.normals[0].each(f64::from)),
+            set.lanes(group.normals[1].each(f64::from)),
+            set.lanes(group.normals[2].each(f64::from)),
+        ];
         let [xx, xy, xz, yy, yz, zz] = self.matrix;
         let along = x * self.center[0] + y * self.center[1] + z * self.center[2];
-        let left = set.lanes(group.o) - along - more;
+        let left = set.lanes(group.offsets.each(f64::from)) - along - more;
         let h2 = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + z * (zz * z);
         left.lt(self.zero) | (left * left).lt(h2)
     }
-}
-
-/// Whether a grain whose ellipsoid crosses a plane, or would where it was nearer by `more`, does so itself.
-#[inline(always)]
-pub(super) fn crosses_itself<T: Turned>(grain: &Hot<T>, group: &Group, lane: usize, more: f64) -> bool {
-    if T::IS_ELLIPSOID {
-        return true;
-    }
-    let n = group.normal(lane);
-    dot(grain.center, n) + grain.turned.support_mm(n) > group.o[lane] - more
 }
 
 /// Planes between two grains that are apart, to be laid when a move is made.
@@ -139,9 +185,9 @@ pub(super) struct NewPlanes {
     /// Four times the group plus the lane, of the grain and of its neighbour.
     pub(super) at: u32,
     pub(super) mirror: u32,
-    n: Vector,
-    o: f64,
-    other_o: f64,
+    normal: Normal,
+    offset: f32,
+    other_offset: f32,
 }
 
 /// What a pair turned out to be.
@@ -152,7 +198,57 @@ pub(super) enum Decided {
     TooClose(Vector),
 }
 
+/// A gap along a normal, all times the length of it.
+#[derive(Clone, Copy)]
+struct Along {
+    normal: Normal,
+    supports: [f64; 2],
+    /// Beyond the gap that the two keep.
+    slack: f64,
+}
+
 impl<S: ConvexShape> System<S> {
+    /// A grain in four lanes.
+    #[inline(always)]
+    pub(super) fn spread<I: InstructionSet>(
+        &self,
+        set: I,
+        i: usize,
+        as_if: &Hot<S::Turned>,
+    ) -> Spread<I::Lanes> {
+        Spread::new(set, minus(as_if.center, self.cold[i].listed_center), as_if.turned.around())
+    }
+
+    /// Whether a grain whose ellipsoid crosses a plane, or would where its offset was less by `more`, does so itself.
+    #[inline(always)]
+    pub(super) fn crosses_itself(
+        &self,
+        i: usize,
+        as_if: &Hot<S::Turned>,
+        group: usize,
+        lane: usize,
+        more: f64,
+    ) -> bool {
+        let planes = &self.groups[group];
+        let neighbor = planes.neighbors[lane];
+        if is_wall(neighbor) {
+            return self.beyond_wall(neighbor - WALL, as_if) > 0.0;
+        }
+        if S::Turned::IS_ELLIPSOID {
+            return true;
+        }
+        let n = planes.normal(lane);
+        let from_listed = minus(as_if.center, self.cold[i].listed_center);
+        dot(from_listed, n) + as_if.turned.support_mm(n) > f64::from(planes.offsets[lane]) - more
+    }
+
+    /// How far a grain reaches beyond the plane of a wall that it stays behind, in mm.
+    #[inline(always)]
+    pub(super) fn beyond_wall(&self, wall: u32, grain: &Hot<S::Turned>) -> f64 {
+        let (n, o) = self.wall_plane(wall, grain.d);
+        dot(grain.center, n) + grain.turned.support_mm(n) - o
+    }
+
     /// Decides the pair of a grain's plane, where the grain is this one.
     #[inline(always)]
     pub(super) fn decide(&self, i: usize, as_if: &Hot<S::Turned>, group: usize, lane: usize) -> Decided {
@@ -163,47 +259,62 @@ impl<S: ConvexShape> System<S> {
             if self.container.is_periodic() { sum(other.center, self.shift(image)) } else { other.center };
         let r = minus(at, as_if.center);
         let gap = self.gap(as_if.d, other.d);
-        let mut n = planes.normal(lane);
-        let (mut h_a, mut h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
-        let mut slack = dot(r, n) - h_a - h_b - gap;
-        if slack < 0.0 {
-            let decision = as_if.turned.decide(&other.turned, r, gap, n);
-            n = scaled(decision.normal, 1.0 / norm(decision.normal));
+        let mut along = along(as_if, other, r, gap, planes.stored_normal(lane));
+        if along.slack < 0.0 {
+            let decision = as_if.turned.decide(&other.turned, r, gap, planes.unit(lane));
+            let n = scaled(decision.normal, 1.0 / norm(decision.normal));
             if !decision.is_apart {
                 return Decided::TooClose(n);
             }
-            (h_a, h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
-            slack = dot(r, n) - h_a - h_b - gap;
-            // By s(n) alone: a slack that rounding has made negative is none.
-            if slack < 0.0 {
-                return Decided::TooClose(n);
+            along = self::along(as_if, other, r, gap, normal(n));
+            if along.slack < 0.0 {
+                // The rounded normal does not show that they are apart: by s(n) of the unit vector alone.
+                let (h_a, h_b) = (as_if.turned.support_mm(n), other.turned.support_back_mm(n));
+                if dot(r, n) - h_a - h_b - gap < 0.0 {
+                    return Decided::TooClose(n);
+                }
             }
         }
-        Decided::Apart(self.between(i, as_if, [group, lane], n, [h_a, h_b], slack))
+        Decided::Apart(self.between(i, as_if, [group, lane], along))
     }
 
-    /// The planes between a grain and a neighbour with this unit vector, values of the support functions, and gap
-    /// beyond what they keep.
+    /// The planes between a grain and a neighbour that share the slack.
     #[inline(always)]
     fn between(
         &self,
         i: usize,
         as_if: &Hot<S::Turned>,
         [group, lane]: [usize; 2],
-        n: Vector,
-        [h_a, h_b]: [f64; 2],
-        slack: f64,
+        along: Along,
     ) -> NewPlanes {
         let planes = &self.groups[group];
-        let (j, _) = unpack(planes.neighbors[lane]);
-        let share = self.cold[i].step / (self.cold[i].step + self.cold[j].step);
+        let (j, image) = unpack(planes.neighbors[lane]);
+        let (one, other) = (&self.cold[i], &self.cold[j]);
+        let share = one.step / (one.step + other.step);
+        let Along { normal, supports: [h_a, h_b], slack } = along;
+        let n = normal.each(f64::from);
+        let place = match planes.mirrors[lane] {
+            FAR => self.place_of(j, pack(i, opposite(image))),
+            place => u32::from(place),
+        };
         NewPlanes {
             at: (LANES * group + lane) as u32,
-            mirror: planes.mirrors[lane],
-            n,
-            o: dot(as_if.center, n) + h_a + share * slack,
-            other_o: h_b + (1.0 - share) * slack - dot(self.hot[j].center, n),
+            mirror: LANES as u32 * other.first + place,
+            normal,
+            offset: below(dot(minus(as_if.center, one.listed_center), n) + h_a + share * slack),
+            other_offset: below(
+                h_b + (1.0 - share) * slack - dot(minus(self.hot[j].center, other.listed_center), n),
+            ),
         }
+    }
+
+    /// Where a neighbour stands in the list of a grain.
+    #[cold]
+    fn place_of(&self, i: usize, neighbor: u32) -> u32 {
+        let cold = &self.cold[i];
+        let groups = &self.groups[cold.first as usize..(cold.first + cold.count) as usize];
+        let place = groups.iter().flat_map(|group| group.neighbors).position(|listed| listed == neighbor);
+        place.map_or(0, |place| place as u32)
     }
 
     /// The planes between a grain and a neighbour where they keep their gap; else where they push each other.
@@ -211,7 +322,7 @@ impl<S: ConvexShape> System<S> {
     pub(super) fn touch(&self, i: usize, group: usize, lane: usize) -> Result<NewPlanes, PushContact> {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
-        let mut n = self.groups[group].normal(lane);
+        let mut n = self.groups[group].unit(lane);
         if S::Turned::IS_ELLIPSOID {
             match self.decide(i, one, group, lane) {
                 Decided::Apart(planes) => return Ok(planes),
@@ -220,19 +331,18 @@ impl<S: ConvexShape> System<S> {
         }
         let r = minus(sum(other.center, self.shift(image)), one.center);
         let gap = self.gap(one.d, other.d);
-        let slack = |n: Vector, [h_a, h_b]: [f64; 2]| dot(r, n) - h_a - h_b - gap;
         if !S::Turned::IS_ELLIPSOID {
             // One search finds whether polyhedra are apart and where they push.
-            let supports = [one.turned.support_mm(n), other.turned.support_back_mm(n)];
-            let left = slack(n, supports);
-            if left >= 0.0 {
-                return Ok(self.between(i, one, [group, lane], n, supports, left));
+            let along = along(one, other, r, gap, self.groups[group].stored_normal(lane));
+            if along.slack >= 0.0 {
+                return Ok(self.between(i, one, [group, lane], along));
             }
         }
         let contact = one.turned.contact(&other.turned, r, gap, n, PUSH_TURNS);
-        let left = slack(contact.normal, contact.supports_mm);
-        if !S::Turned::IS_ELLIPSOID && left >= 0.0 {
-            return Ok(self.between(i, one, [group, lane], contact.normal, contact.supports_mm, left));
+        let [h_a, h_b] = contact.supports_mm;
+        if !S::Turned::IS_ELLIPSOID && dot(r, contact.normal) - h_a - h_b - gap >= 0.0 {
+            let along = along(one, other, r, gap, normal(contact.normal));
+            return Ok(self.between(i, one, [group, lane], along));
         }
         Err(contact)
     }
@@ -241,27 +351,40 @@ impl<S: ConvexShape> System<S> {
     pub(super) fn lay(&mut self, planes: &NewPlanes) {
         let place = |at: u32| (at as usize / LANES, at as usize % LANES);
         let (group, lane) = place(planes.at);
-        self.groups[group].set(lane, planes.n, planes.o);
+        self.groups[group].set(lane, planes.normal, planes.offset);
         let (group, lane) = place(planes.mirror);
-        self.groups[group].set(lane, planes.n.each(|c| -c), planes.other_o);
+        self.groups[group].set(lane, planes.normal.each(|c| -c), planes.other_offset);
     }
 
-    /// Lays planes with this unit vector between a grain and a neighbour, wherever the two are. Where they are too
+    /// Lays planes along this unit vector between a grain and a neighbour, wherever the two are. Where they are too
     /// close, both cross them.
     pub(super) fn lay_between(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
-        let planes = &self.groups[group];
-        let (j, image) = unpack(planes.neighbors[lane]);
+        let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
-        let at = sum(other.center, self.shift(image));
-        let (h_a, h_b) = (one.turned.support_mm(n), other.turned.support_back_mm(n));
-        let slack = dot(minus(at, one.center), n) - h_a - h_b - self.gap(one.d, other.d);
-        let share = self.cold[i].step / (self.cold[i].step + self.cold[j].step);
-        self.lay(&NewPlanes {
-            at: (LANES * group + lane) as u32,
-            mirror: planes.mirrors[lane],
-            n,
-            o: dot(one.center, n) + h_a + share * slack,
-            other_o: h_b + (1.0 - share) * slack - dot(other.center, n),
-        });
+        let r = minus(sum(other.center, self.shift(image)), one.center);
+        let along = along(one, other, r, self.gap(one.d, other.d), normal(n));
+        self.lay(&self.between(i, one, [group, lane], along));
+    }
+
+    /// Lays the plane of a wall that a grain of this diameter stays behind.
+    pub(super) fn lay_wall(&mut self, i: usize, group: usize, lane: usize, d: f64) {
+        let wall = self.groups[group].neighbors[lane] - WALL;
+        let (n, o) = self.wall_plane(wall, d);
+        let offset = below(UNIT * (o - dot(self.cold[i].listed_center, n)));
+        self.groups[group].set(lane, normal(n), offset);
     }
 }
+
+/// The gap of a grain and another one, whose centre lies at `r` from its own, along a normal.
+#[inline(always)]
+fn along<T: Turned>(one: &Hot<T>, other: &Hot<T>, r: Vector, gap: f64, normal: Normal) -> Along {
+    let n = normal.each(f64::from);
+    let supports = [one.turned.support_mm(n), other.turned.support_back_mm(n)];
+    let slack = dot(r, n) - supports[0] - supports[1] - gap * norm(n);
+    Along { normal, supports, slack }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "planes_tests.rs"]
+mod tests;

@@ -6,7 +6,7 @@
 //! × n) · I⁻¹ (x × n)` (position-based dynamics; Müller, Heidelberger, Hennix and Ratcliff 2007, DOI
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
-use super::planes::{Decided, LANES, Spread, WALL, crosses_itself, is_wall, unpack};
+use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall, unpack};
 use super::system::{Hot, System, rotation, turned};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
@@ -128,7 +128,7 @@ impl Pusher {
     fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl ConvexShape>, i: usize) -> u64 {
         let mut pushes = 0;
         let range = system.cold[i].first as usize..(system.cold[i].first + system.cold[i].count) as usize;
-        let mut spread = Spread::new(set, system.hot[i].center, system.hot[i].turned.around());
+        let mut spread = system.spread(set, i, &system.hot[i]);
         let none = set.splat(0.0);
         for group in range {
             let crossed = spread.crosses(set, &system.groups[group], none);
@@ -137,16 +137,14 @@ impl Pusher {
             }
             let crossed = crossed.to_array();
             for lane in 0..LANES {
-                if crossed[lane].to_bits() == 0
-                    || !crosses_itself(&system.hot[i], &system.groups[group], lane, 0.0)
+                if crossed[lane].to_bits() == 0 || !system.crosses_itself(i, &system.hot[i], group, lane, 0.0)
                 {
                     continue;
                 }
                 let neighbor = system.groups[group].neighbors[lane];
                 if is_wall(neighbor) {
-                    let (n, o) = (system.groups[group].normal(lane), system.groups[group].o[lane]);
-                    let hot = &system.hot[i];
-                    let depth = dot(hot.center, n) + hot.turned.support_mm(n) - o;
+                    let depth = system.beyond_wall(neighbor - WALL, &system.hot[i]);
+                    let (n, _) = system.wall_plane(neighbor - WALL, system.hot[i].d);
                     system.push_from_wall(i, n, depth);
                     self.next[i] = true;
                 } else {
@@ -166,7 +164,7 @@ impl Pusher {
                     }
                 }
                 pushes += 1;
-                spread = Spread::new(set, system.hot[i].center, system.hot[i].turned.around());
+                spread = system.spread(set, i, &system.hot[i]);
             }
         }
         let cold = &system.cold[i];
@@ -219,21 +217,26 @@ impl Pusher {
             for group in cold.first as usize..(cold.first + cold.count) as usize {
                 for lane in 0..LANES {
                     let planes = &system.groups[group];
-                    let (neighbor, n) = (planes.neighbors[lane], planes.normal(lane));
+                    let neighbor = planes.neighbors[lane];
                     if neighbor == super::planes::NOBODY {
                         continue;
                     }
-                    let h = hot.turned.support_mm(n);
-                    let left = planes.o[lane] - dot(hot.center, n);
-                    if left >= h {
+                    if is_wall(neighbor) {
+                        let (n, o) = system.wall_plane(neighbor - WALL, hot.d);
+                        if system.beyond_wall(neighbor - WALL, &hot) > 0.0 {
+                            // Distance of the centre from the wall itself.
+                            let away = o + system.wall_gap(hot.d) - dot(hot.center, n);
+                            visit(away, hot.turned.support_mm(n) + system.wall_gap(hot.d));
+                        }
                         continue;
                     }
-                    if is_wall(neighbor) {
-                        // Distance of the centre from the wall itself.
-                        let (_, o) = system.wall_plane(neighbor - WALL, hot.d);
-                        let away = o + system.wall_gap(hot.d) - dot(hot.center, n);
-                        visit(away, h + system.wall_gap(hot.d));
-                    } else if let Decided::TooClose(n) = system.decide(i, &hot, group, lane) {
+                    let n = planes.normal(lane);
+                    let left =
+                        f64::from(planes.offsets[lane]) - dot(minus(hot.center, cold.listed_center), n);
+                    if left >= hot.turned.support_mm(n) {
+                        continue;
+                    }
+                    if let Decided::TooClose(n) = system.decide(i, &hot, group, lane) {
                         let (j, image) = unpack(neighbor);
                         let other = &system.hot[j];
                         let r = minus(sum(other.center, system.shift(image)), hot.center);
@@ -318,22 +321,23 @@ impl<S: ConvexShape> System<S> {
         let largest = self.hot.iter().map(|hot| hot.d).fold(0.0, f64::max);
         for i in 0..self.len() {
             let gap = self.gap(self.hot[i].d, self.hot[i].d).max(self.gap(self.hot[i].d, largest));
-            let closer = if factor < 1.0 { 0.5 * gap * (1.0 - factor) } else { 0.0 };
+            let closer = if factor < 1.0 { 0.5 * gap * (1.0 - factor) * LONGEST } else { 0.0 };
             let (hot, cold) = (&mut self.hot[i], &mut self.cold[i]);
             hot.center = scaled(hot.center, factor);
             cold.listed_center = scaled(cold.listed_center, factor);
             for group in &mut self.groups[cold.first as usize..(cold.first + cold.count) as usize] {
-                group.o = group.o.each(|o| o * factor - closer);
+                group.offsets = group.offsets.each(|offset| below(f64::from(offset) * factor - closer));
             }
         }
         self.set_wall_planes();
     }
 
     /// Widens all gaps by a length, which may be negative.
-    fn widen_gaps(&mut self, by: f64) {
+    pub(super) fn widen_gaps(&mut self, by: f64) {
         self.more += by;
+        let closer = 0.5 * by * if by > 0.0 { LONGEST } else { SHORTEST };
         for group in &mut self.groups {
-            group.o = group.o.each(|o| o - 0.5 * by);
+            group.offsets = group.offsets.each(|offset| below(f64::from(offset) - closer));
         }
         self.set_wall_planes();
     }
@@ -352,8 +356,7 @@ impl<S: ConvexShape> System<S> {
                 if !is_wall(neighbor) {
                     break;
                 }
-                let (normal, o) = self.wall_plane(neighbor - WALL, d);
-                self.groups[at / LANES].set(at % LANES, normal, o);
+                self.lay_wall(i, at / LANES, at % LANES, d);
             }
         }
     }

@@ -7,11 +7,11 @@
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::planes::{Decided, LANES, NewPlanes, Spread, crosses_itself, is_wall};
+use super::planes::{Decided, LANES, LONGEST, NewPlanes, is_wall};
 use super::system::{Hot, System, rotation, turned};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
-use crate::gap::grain::{ConvexShape, Turned};
+use crate::gap::grain::ConvexShape;
 use crate::gap::linear::Vector;
 
 /// Factors on the step after a move that was made, and after one that was not.
@@ -133,7 +133,8 @@ pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     pending: &mut Pending,
 ) -> bool {
     let cold = &system.cold[i];
-    let spread = Spread::new(set, as_if.center, as_if.turned.around());
+    let spread = system.spread(set, i, as_if);
+    let more = more * LONGEST;
     let more_lanes = set.splat(more);
     for group in cold.first as usize..(cold.first + cold.count) as usize {
         let crossed = spread.crosses(set, &system.groups[group], more_lanes);
@@ -142,7 +143,7 @@ pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
         }
         let crossed = crossed.to_array();
         for lane in 0..LANES {
-            if crossed[lane].to_bits() == 0 || !crosses_itself(as_if, &system.groups[group], lane, more) {
+            if crossed[lane].to_bits() == 0 || !system.crosses_itself(i, as_if, group, lane, more) {
                 continue;
             }
             if is_wall(system.groups[group].neighbors[lane]) {

@@ -6,7 +6,7 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::planes::{LANES, NOBODY, is_wall};
+use super::planes::{LANES, LONGEST, NOBODY, below, is_wall};
 use super::shake::{Pending, fits};
 use super::system::{Hot, System, rotation};
 use crate::arrays::Each as _;
@@ -194,15 +194,15 @@ impl<S: ConvexShape> System<S> {
 
     /// Brings the planes of a grain, but not those of its neighbours, closer to it, for the gaps of its new diameter.
     fn come_closer(&mut self, i: usize, more: f64, d: f64) {
-        let cold = &self.cold[i];
-        for group in cold.first as usize..(cold.first + cold.count) as usize {
+        let (first, count) = (self.cold[i].first as usize, self.cold[i].count as usize);
+        for group in first..first + count {
             for lane in 0..LANES {
                 let neighbor = self.groups[group].neighbors[lane];
                 if neighbor != NOBODY && is_wall(neighbor) {
-                    let (normal, o) = self.wall_plane(neighbor - super::planes::WALL, d);
-                    self.groups[group].set(lane, normal, o);
+                    self.lay_wall(i, group, lane, d);
                 } else {
-                    self.groups[group].o[lane] -= more;
+                    let offset = &mut self.groups[group].offsets[lane];
+                    *offset = below(f64::from(*offset) - more * LONGEST);
                 }
             }
         }

@@ -13,8 +13,8 @@ use crate::memory::{OutOfMemory, filled, make_room};
 use crate::request::Specimen;
 use crate::shape::Pose;
 
-/// Edge of a cell over the shortest inner radius of the stage, gap included.
-const CELL_EDGE: f64 = 2.0;
+/// Edge of a cell over the shortest inner radius of the stage, gap included. Smaller cells name each grain more often.
+const CELL_EDGE: f64 = 3.0;
 /// Most cells per inserted and expected grain: few grains in much space need no fine cells.
 const MOST_CELLS: f64 = 2e6;
 /// Images of a periodic box reach two boxes to either side.

@@ -1,0 +1,128 @@
+//! Planes keep the gap between neighbours whatever their rounding, and lists name each other's places.
+
+use nalgebra::Vector3;
+use proptest::prelude::*;
+use rand_xoshiro::rand_core::SeedableRng as _;
+
+use super::super::lists::Lists;
+use super::*;
+use crate::distance::DistanceRule;
+use crate::mix::uniform_orientation;
+use crate::properties::properties;
+use crate::request::{Boundary, Distance, Specimen};
+use crate::rng::uniform;
+use crate::shape::{Ellipsoid, Pose};
+
+/// Ellipsoids anywhere in a box, some of them in one another, with their lists.
+fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
+    let rng = &mut rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(seed);
+    let boundary = if is_periodic { Boundary::Periodic } else { Boundary::Walls };
+    let specimen = Specimen::Box { size_mm: [20.0, 16.0, 12.0], boundary };
+    let distance = Distance::Proportional { factor: 0.1, wall_gap_mm: None };
+    let (mut shapes, mut poses) = (Vec::new(), Vec::new());
+    for _ in 0..40 {
+        let a = 0.5 + 2.5 * uniform(rng);
+        shapes.push(Ellipsoid::new([a, (0.6 + 0.4 * uniform(rng)) * a, 0.6 * a]).unwrap());
+        let center_mm = Vector3::from_fn(|axis, _| specimen.bounds_mm()[axis] * uniform(rng));
+        poses.push(Pose { center_mm, orientation: uniform_orientation(rng) });
+    }
+    let rule = DistanceRule::new(&distance, &specimen);
+    let mut system = System::new(&specimen, rule, &shapes, &poses).unwrap();
+    system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
+    Lists::default().build(&mut system, 0.98, 0.05).unwrap();
+    system
+}
+
+/// Holds every plane against that of its neighbour, or the wall; returns by how much two planes are farther apart than
+/// their gap at most, in mm.
+fn widest(system: &System<Ellipsoid>) -> f64 {
+    let mut widest = 0.0_f64;
+    for i in 0..system.len() {
+        let cold = &system.cold[i];
+        let groups = cold.first as usize..(cold.first + cold.count) as usize;
+        for (group, lane) in groups.flat_map(|group| (0..LANES).map(move |lane| (group, lane))) {
+            let planes = &system.groups[group];
+            let (neighbor, n) = (planes.neighbors[lane], planes.normal(lane));
+            if neighbor == NOBODY {
+                continue;
+            }
+            let offset = f64::from(planes.offsets[lane]) + dot(cold.listed_center, n);
+            if is_wall(neighbor) {
+                assert!(offset <= UNIT * system.wall_plane(neighbor - WALL, system.hot[i].d).1 + 1e-9);
+                continue;
+            }
+            let (j, image) = unpack(neighbor);
+            let place = system.place_of(j, pack(i, opposite(image)));
+            assert_eq!(u32::from(planes.mirrors[lane]), place);
+            let (there, other) = (place as usize, &system.cold[j]);
+            let mirror = &system.groups[other.first as usize + there / LANES];
+            assert_eq!(mirror.normal(there % LANES), n.each(|c| -c));
+            // Across the two planes, seen from this grain.
+            let other_offset = f64::from(mirror.offsets[there % LANES]) - dot(other.listed_center, n);
+            let apart = dot(system.shift(image), n) - offset - other_offset;
+            let more = apart / norm(n) - system.gap(system.hot[i].d, system.hot[j].d);
+            assert!(more >= -1e-12, "{more} mm");
+            widest = widest.max(more);
+        }
+    }
+    widest
+}
+
+properties! {
+    #![proptest_config(ProptestConfig { cases: 24, ..ProptestConfig::default() })]
+
+    #[test]
+    fn neighbours_between_their_planes_keep_their_gaps(seed in any::<u64>(), is_periodic in any::<bool>()) {
+        let mut system = system(seed, is_periodic);
+        prop_assert!(system.groups.iter().flat_map(|group| group.neighbors).any(|neighbor| neighbor < WALL));
+        // Single precision rounds lengths of 10 mm by 1e-6 mm.
+        prop_assert!(widest(&system) < 3e-6);
+        for factor in [0.99, 1.004, 0.999] {
+            system.scale(factor);
+            widest(&system);
+        }
+        for by in [0.03, -0.04, 0.02] {
+            system.widen_gaps(by);
+            widest(&system);
+        }
+    }
+
+    #[test]
+    fn normals_and_offsets_are_rounded_as_planes_need_it(seed in any::<u64>(), offset in -1e7..1e7_f64) {
+        let rng = &mut rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(seed);
+        let n: Vector = (uniform_orientation(rng) * Vector3::x()).into();
+        let rounded = normal(n).each(f64::from);
+        prop_assert!((SHORTEST..=LONGEST).contains(&norm(rounded)));
+        prop_assert!(minus(rounded, scaled(n, UNIT)).iter().all(|c| c.abs() <= 0.5));
+        let below = f64::from(below(offset));
+        prop_assert!(below <= offset && offset - below <= 1.3e-7 * offset.abs());
+    }
+}
+
+#[test]
+fn a_place_beyond_sixteen_bits_is_looked_for() {
+    let mut group = Group::EMPTY;
+    group.enter(0, 7, 65_534);
+    group.enter(1, 8, 65_535);
+    group.enter(2, 9, 70_000);
+    assert_eq!(group.mirrors, [65_534, FAR, FAR, FAR]);
+    let mut system = system(1, true);
+    let found = |system: &System<Ellipsoid>| -> Vec<u32> {
+        let pairs = (0..system.len()).flat_map(|i| (0..system.cold[i].count).map(move |group| (i, group)));
+        pairs
+            .filter_map(|(i, group)| {
+                let group = (system.cold[i].first + group) as usize;
+                let is_pair = system.groups[group].neighbors[0] < WALL;
+                is_pair.then(|| system.decide(i, &system.hot[i], group, 0))
+            })
+            .filter_map(|decided| match decided {
+                Decided::Apart(planes) => Some(planes.mirror),
+                Decided::TooClose(_) => None,
+            })
+            .collect()
+    };
+    let named = found(&system);
+    system.groups.iter_mut().for_each(|group| group.mirrors = [FAR; LANES]);
+    assert!(named.len() > 10);
+    assert_eq!(found(&system), named);
+}
