@@ -23,7 +23,7 @@ macro_rules! handlers {
     ($($($module:ident)::+: $name:ident,)+) => {
         fn routes(router: Router<App>) -> Router<App> {
             pastey::paste! {
-                $(let router = route::<$($module::)+ [<__path_ $name>], _>(router, $($module::)+ $name);)+
+                $(let router = route::<$($module::)+ [<__path_ $name>], _>(router, &$($module::)+ $name);)+
             }
             router
         }
@@ -91,7 +91,7 @@ pub(crate) fn router(app: App) -> Router {
 }
 
 /// Adds a handler at the path and with the methods that it is documented with.
-fn route<P: Path, T: 'static>(router: Router<App>, handler: impl Handler<T, App>) -> Router<App> {
+fn route<P: Path, T: 'static>(router: Router<App>, handler: &impl Handler<T, App>) -> Router<App> {
     let path = P::path();
     P::methods()
         .into_iter()
