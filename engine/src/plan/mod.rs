@@ -134,35 +134,32 @@ const MOST_THREADS: u32 = 64;
 /// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
 const BEYOND_RANDOM: f64 = 1.12;
 
-/// Memory that a run takes, fitted to measured ones (`docs/performance.md`): Fuller's curve 2..16 mm from
-/// 0.5 to 0.695, B16 above 0.5 mm with 1e4 to 2e6 grains, and equal spheres near saturation.
+/// Memory that a run of spheres takes, fitted to peaks of `packstone run` on one thread: Fuller's curve 2..16 mm, B16
+/// above 0.5 mm with up to 2e6 grains, and equal spheres, each placed at random and grown (`docs/performance.md`).
 mod cost {
     /// Bytes of the program as such.
     pub(super) const BYTES: f64 = 8.0e6;
     /// Bytes per grain in a loose specimen.
     pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
-    /// Bytes per grain for the voxels of a crowded one.
-    pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 4500.0;
-    /// Bytes per grain while grains grow: 2.05 million take 371 each.
-    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 370.0;
-    /// Bytes per grain for the voxels of a start this much beyond 0.75 of the limit of random placing, for equal grains
-    /// and per spread: 590 bytes in all for 150 000 equal spheres, 2200 to 3000 for Fuller's curve, 670 for B16 above
-    /// 0.5 mm, whose start is less crowded.
-    pub(super) const START_CROWDED: f64 = 0.13;
-    pub(super) const BYTES_PER_START: f64 = 150.0;
-    pub(super) const BYTES_PER_START_SPREAD: f64 = 3700.0;
+    /// Bytes per grain for the voxels of a crowded one, of equal grains and per spread: 270 bytes in all for equal
+    /// spheres near saturation, 610 to 1570 for Fuller's curve from 0.60 to 0.66.
+    pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 60.0;
+    pub(super) const BYTES_PER_CROWDED_SPREAD: f64 = 4000.0;
+    /// Bytes per grain while grains grow: 310 to 340.
+    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 345.0;
+    /// What growth has of its own where its random start takes more than that: 500 to 910 bytes in all for Fuller's
+    /// curve from 0.65 to 0.70.
+    pub(super) const BYTES_BESIDE_START: f64 = 140.0;
 }
 
 /// Memory of a run in bytes. `crowding` is the volume fraction that is placed at random, which growth starts from, over
 /// that which random sequential addition reaches, `spread` the standard deviation of ln(d) by volume.
 fn memory_bytes(grains: f64, crowding: f64, spread: f64, grows: bool) -> u64 {
     let crowded = (crowding.min(1.0) - 0.75).max(0.0);
-    let per_grain = if grows {
-        let start = cost::BYTES_PER_START + cost::BYTES_PER_START_SPREAD * spread;
-        cost::BYTES_PER_GROWING_GRAIN + start * (crowded / cost::START_CROWDED).powi(2)
-    } else {
-        cost::BYTES_PER_GRAIN + cost::BYTES_PER_CROWDED_GRAIN * (crowded / 0.25).powi(2)
-    };
+    let of_voxels = cost::BYTES_PER_CROWDED_GRAIN + cost::BYTES_PER_CROWDED_SPREAD * spread;
+    let placed = cost::BYTES_PER_GRAIN + of_voxels * (crowded / 0.25).powi(2);
+    let per_grain =
+        if grows { cost::BYTES_PER_GROWING_GRAIN.max(placed + cost::BYTES_BESIDE_START) } else { placed };
     (cost::BYTES + grains * per_grain) as u64
 }
 

@@ -52,7 +52,7 @@ const ELLIPSOIDS: Known = Known {
     dense_reach: 0.74,
     random_times_s: &[(0.50, 0.15), (0.55, 0.4), (0.60, 1.2), (0.63, 2.6)],
     dense_times_s: &[(0.50, 0.2), (0.60, 0.8), (0.65, 1.1), (0.70, 2.3), (0.73, 5.6), (0.75, 14.0)],
-    bytes_per_grain: 1400.0,
+    bytes_per_grain: 900.0,
     bytes_per_corner: 0.0,
     extrapolation: "grains that are no spheres, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
 };

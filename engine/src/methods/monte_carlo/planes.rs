@@ -14,8 +14,8 @@
 //! wall is a plane as well, but one that never moves; a grain that crosses it is held against the wall itself.
 //!
 //! A plane takes 16 bytes, four of them a line of cache. The components of its normal are integers of 16 bits, which
-//! both grains read as they are: a plane need not have the direction of the gap, nor a normal of length 1. Its offset is
-//! counted from where the list of its grain was built, in single precision, rounded towards the grain.
+//! both grains read as they are: a plane need not have the direction of the gap, nor a normal of length 1. Its offset
+//! is counted from where the list of its grain was built, in single precision, rounded towards the grain.
 
 use super::system::{Hot, System, opposite};
 use crate::arrays::Each as _;
