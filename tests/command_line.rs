@@ -126,20 +126,21 @@ async fn nothing_is_overwritten_without_force() {
         (&run[..], &["result.csv", "plot-grading.svg", "result.png"][..]),
         (&export, &["result.slice.json", "result.slice.json.report.json", "result.png"]),
     ] {
-        for file in files {
-            let path = here.join("out").join(file);
-            let _ = fs::remove_file(here.join("out/result.png"));
+        let paths = files.iter().map(|file| here.join("out").join(file));
+        let _ = fs::remove_file(here.join("out/result.png"));
+        for (file, path) in files.iter().zip(paths.clone()) {
             fs::write(&path, "mine").unwrap();
             let ended = packstone(here, command).await;
             assert!(ended.code == Some(3) && ended.stderr.contains(file), "{ended:?}");
             assert!(ended.stderr.contains("--force"), "{ended:?}");
             assert_eq!(fs::read_to_string(&path).unwrap(), "mine");
-            let forced = packstone(here, &[command, &["--force"]].concat()).await;
-            assert_eq!(forced.code, Some(0), "{forced:?}");
-            assert_ne!(fs::read(&path).unwrap(), b"mine");
-            for file in files {
-                let _ = fs::remove_file(here.join("out").join(file));
-            }
+            fs::remove_file(&path).unwrap();
+        }
+        paths.clone().for_each(|path| fs::write(path, "mine").unwrap());
+        let forced = packstone(here, &[command, &["--force"]].concat()).await;
+        assert_eq!(forced.code, Some(0), "{forced:?}");
+        for path in paths {
+            assert_ne!(fs::read(&path).unwrap(), b"mine", "{}", path.display());
         }
     }
 }
