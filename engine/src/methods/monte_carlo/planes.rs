@@ -15,7 +15,9 @@
 //!
 //! A plane takes 16 bytes, four of them a line of cache. The components of its normal are integers of 16 bits, which
 //! both grains read as they are: a plane need not have the direction of the gap, nor a normal of length 1. Its offset
-//! is counted from where the list of its grain was built, in single precision, rounded towards the grain.
+//! is counted from where the list of its grain was built, in single precision, rounded towards the grain. Where two
+//! grains keep their gap but not along the rounded normal, both cross their planes wherever they are, and the pair is
+//! decided each time.
 
 use super::system::{Hot, System, opposite};
 use crate::arrays::Each as _;
@@ -46,7 +48,7 @@ pub(super) const LONGEST: f64 = UNIT + 1.0;
 /// The place of a plane in a list that is too long for it.
 const FAR: u16 = u16::MAX;
 
-/// An offset that no grain reaches.
+/// An offset that no grain reaches; less than its negative is crossed by every grain.
 const NEVER: f32 = 1e30;
 
 /// A normal, about [`UNIT`] long.
@@ -278,7 +280,8 @@ impl<S: ConvexShape> System<S> {
         Decided::Apart(self.between(i, as_if, [group, lane], along))
     }
 
-    /// The planes between a grain and a neighbour that share the slack.
+    /// The planes between a grain and a neighbour that share the slack. Without any, a plane behind which one of the two
+    /// is would prove nothing, for the other is not behind its own: both cross theirs wherever they are.
     #[inline(always)]
     fn between(
         &self,
@@ -297,9 +300,13 @@ impl<S: ConvexShape> System<S> {
             FAR => self.place_of(j, pack(i, opposite(image))),
             place => u32::from(place),
         };
+        let (at, mirror) = ((LANES * group + lane) as u32, LANES as u32 * other.first + place);
+        if slack < 0.0 {
+            return NewPlanes { at, mirror, normal, offset: -NEVER, other_offset: -NEVER };
+        }
         NewPlanes {
-            at: (LANES * group + lane) as u32,
-            mirror: LANES as u32 * other.first + place,
+            at,
+            mirror,
             normal,
             offset: below(dot(minus(as_if.center, one.listed_center), n) + h_a + share * slack),
             other_offset: below(
@@ -356,8 +363,7 @@ impl<S: ConvexShape> System<S> {
         self.groups[group].set(lane, planes.normal.each(|c| -c), planes.other_offset);
     }
 
-    /// Lays planes along this unit vector between a grain and a neighbour, wherever the two are. Where they are too
-    /// close, both cross them.
+    /// Lays planes along this unit vector between a grain and a neighbour, wherever the two are.
     pub(super) fn lay_between(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
         let (j, image) = unpack(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);

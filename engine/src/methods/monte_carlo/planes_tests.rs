@@ -34,9 +34,9 @@ fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
 }
 
 /// Holds every plane against that of its neighbour, or the wall; returns by how much two planes are farther apart than
-/// their gap at most, in mm.
-fn widest(system: &System<Ellipsoid>) -> f64 {
-    let mut widest = 0.0_f64;
+/// their gap at most, in mm, and whether a pair that keeps its gap along its normal always crosses its planes.
+fn held(system: &System<Ellipsoid>) -> (f64, bool) {
+    let (mut widest, mut is_open) = (0.0_f64, false);
     for i in 0..system.len() {
         let cold = &system.cold[i];
         let groups = cold.first as usize..(cold.first + cold.count) as usize;
@@ -57,6 +57,14 @@ fn widest(system: &System<Ellipsoid>) -> f64 {
             let (there, other) = (place as usize, &system.cold[j]);
             let mirror = &system.groups[other.first as usize + there / LANES];
             assert_eq!(mirror.normal(there % LANES), n.each(|c| -c));
+            if planes.offsets[lane] < -1e29 {
+                assert!(mirror.offsets[there % LANES] < -1e29);
+                let r = minus(sum(system.hot[j].center, system.shift(image)), system.hot[i].center);
+                let gap = system.gap(system.hot[i].d, system.hot[j].d);
+                is_open |=
+                    along(&system.hot[i], &system.hot[j], r, gap, planes.stored_normal(lane)).slack >= 0.0;
+                continue;
+            }
             // Across the two planes, seen from this grain.
             let other_offset = f64::from(mirror.offsets[there % LANES]) - dot(other.listed_center, n);
             let apart = dot(system.shift(image), n) - offset - other_offset;
@@ -65,7 +73,7 @@ fn widest(system: &System<Ellipsoid>) -> f64 {
             widest = widest.max(more);
         }
     }
-    widest
+    (widest, is_open)
 }
 
 properties! {
@@ -76,14 +84,15 @@ properties! {
         let mut system = system(seed, is_periodic);
         prop_assert!(system.groups.iter().flat_map(|group| group.neighbors).any(|neighbor| neighbor < WALL));
         // Single precision rounds lengths of 10 mm by 1e-6 mm.
-        prop_assert!(widest(&system) < 3e-6);
+        let (widest, is_open) = held(&system);
+        prop_assert!(widest < 3e-6 && !is_open);
         for factor in [0.99, 1.004, 0.999] {
             system.scale(factor);
-            widest(&system);
+            held(&system);
         }
         for by in [0.03, -0.04, 0.02] {
             system.widen_gaps(by);
-            widest(&system);
+            held(&system);
         }
     }
 
@@ -96,6 +105,30 @@ properties! {
         prop_assert!(minus(rounded, scaled(n, UNIT)).iter().all(|c| c.abs() <= 0.5));
         let below = f64::from(below(offset));
         prop_assert!(below <= offset && offset - below <= 1.3e-7 * offset.abs());
+    }
+}
+
+#[test]
+fn pairs_whose_gap_the_rounded_normal_does_not_show_are_always_decided() {
+    let specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
+    let none = Distance::None { wall_gap_mm: None };
+    let rng = &mut rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(1);
+    for _ in 0..50 {
+        let n = uniform_orientation(rng) * Vector3::x();
+        let poses = [Vector3::repeat(10.0), Vector3::repeat(10.0) + n * (2.0 + 1e-13)];
+        let poses = poses.map(|center_mm| Pose { center_mm, orientation: uniform_orientation(rng) });
+        let sphere = Ellipsoid::new([1.0; 3]).unwrap();
+        let rule = DistanceRule::new(&none, &specimen);
+        let mut system = System::new(&specimen, rule, &[sphere; 2], &poses).unwrap();
+        system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
+        Lists::default().build(&mut system, 1.0, 0.0).unwrap();
+        assert!(system.is_clear());
+        for i in 0..2 {
+            let group = &system.groups[system.cold[i].first as usize];
+            let along = dot(group.unit(0), n.into()).abs();
+            // A direction that is exact shows the gap.
+            assert!(group.offsets[0] == -NEVER || 1.0 - along < 1e-13, "{:?}", group.offsets);
+        }
     }
 }
 
