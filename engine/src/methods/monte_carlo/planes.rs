@@ -280,8 +280,8 @@ impl<S: ConvexShape> System<S> {
         Decided::Apart(self.between(i, as_if, [group, lane], along))
     }
 
-    /// The planes between a grain and a neighbour that share the slack. Without any, a plane behind which one of the two
-    /// is would prove nothing, for the other is not behind its own: both cross theirs wherever they are.
+    /// The planes between a grain and a neighbour that share the slack. Without any, a plane behind which one of the
+    /// two is would prove nothing, for the other is not behind its own: both cross theirs wherever they are.
     #[inline(always)]
     fn between(
         &self,
