@@ -293,25 +293,63 @@ impl Pusher {
             system.cold[i].listed_center = listed_center;
         }
         system.set_wall_planes();
-        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding.
+        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding. All of them: a
+        // grain that crossed its own would not be seen by neighbours that come closer behind theirs.
         let _ = system.is_clear();
     }
 }
 
 impl<S: ConvexShape> System<S> {
-    /// Whether all gaps are kept. Lays new planes where the grains cross theirs.
+    /// Whether all gaps are kept. Lays new planes wherever a grain crosses its own, so that a grain that stays behind
+    /// its planes keeps its gaps to neighbours that do not move.
     pub(super) fn is_clear(&mut self) -> bool {
         let cpu = self.cpu;
         with_instruction_set!(cpu, set => set.call(
             #[inline(always)]
-            || (0..self.len()).all(|i| {
-                let mut pending = super::shake::Pending::new();
-                let hot = self.hot[i];
-                let fits = super::shake::fits(set, self, i, &hot, 0.0, &mut pending);
-                pending.lay(self);
-                fits
-            })
+            || {
+                let mut is_clear = true;
+                // All grains, whatever is found at the first.
+                for i in 0..self.len() {
+                    is_clear &= self.lay_crossed(set, i);
+                }
+                is_clear
+            }
         ))
+    }
+
+    /// Lays the planes that a grain crosses anew; says whether it keeps its gaps.
+    #[inline(always)]
+    fn lay_crossed<I: InstructionSet>(&mut self, set: I, i: usize) -> bool {
+        let (hot, cold) = (self.hot[i], self.cold[i]);
+        let spread = self.spread(set, i, &hot);
+        let none = set.splat(0.0);
+        let mut is_clear = true;
+        for group in cold.first as usize..(cold.first + cold.count) as usize {
+            let crossed = spread.crosses(set, &self.groups[group], none);
+            if !crossed.any() {
+                continue;
+            }
+            let crossed = crossed.to_array();
+            for lane in 0..LANES {
+                if crossed[lane].to_bits() == 0 || !self.crosses_itself(i, &hot, group, lane, 0.0) {
+                    continue;
+                }
+                if is_wall(self.groups[group].neighbors[lane]) {
+                    is_clear = false;
+                    continue;
+                }
+                match self.decide(i, &hot, group, lane) {
+                    Decided::Apart(planes) => self.lay(&planes),
+                    Decided::TooClose(n) => {
+                        self.lay_between(i, group, lane, n);
+                        is_clear = false;
+                    }
+                }
+            }
+        }
+        is_clear
+            && (!cold.is_near_lateral || self.lateral_slack(&hot).0 >= 0.0)
+            && (!cold.is_near_itself || self.clears_itself(&hot))
     }
 
     /// Scales the specimen, the centres and the planes. Planes that come closer are laid closer to their grains, so
