@@ -130,7 +130,7 @@ fn a_seed_gives_one_packing_and_templates_do_not_depend_on_it() {
     let request = request(&cube(40.0, "walls"), 0.35, &shapes()[0], &json!({"type": "none"}));
     let (first, again) = (packed(&request), packed(&request));
     assert_eq!(first.grains, again.grains);
-    let other = packed(&packstone_engine::PackingRequest { seed: 8, ..request });
+    let other = packed(&PackingRequest { seed: 8, ..request });
     assert_ne!(first.grains, other.grains);
     let templates = |packing: &Packing| packing.grains.solids().unwrap().templates.clone();
     assert_eq!(templates(&first), templates(&other));
