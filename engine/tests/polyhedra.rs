@@ -135,33 +135,3 @@ fn a_seed_gives_one_packing_and_templates_do_not_depend_on_it() {
     let templates = |packing: &Packing| packing.grains.solids().unwrap().templates.clone();
     assert_eq!(templates(&first), templates(&other));
 }
-
-/// A coarse grain that crosses many of its planes where a push is undone gets all of them anew: before, its neighbours
-/// came closer than the gap behind planes of their own.
-#[test]
-fn the_largest_gap_is_kept_around_grains_of_many_neighbours() {
-    let edge_mm = 25.821_095_549_827_79;
-    for seed in [59, 60, 72] {
-        let request = json!({
-            "seed": seed,
-            "specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm], "boundary": "periodic"},
-            "mix": {
-                "grading": {"type": "fuller", "d_max_mm": 7.186_552_449_582_76, "exponent": 0.499_448_535_687_900_8},
-                "d_min_mm": 1.434_710_129_849_108_5,
-                "volume_fraction": 0.498_859_272_042_314_2, "volume_fraction_of": "placed_grains",
-                "allow_coarse": true,
-                "shape": {"type": "mixture", "of": [
-                    {"share": 0.5, "shape": {
-                        "type": "ellipsoid", "ratios": {"type": "triangle", "k": 0.443_396_910_191_018_84}}},
-                    {"share": 0.5, "shape": {
-                        "type": "polyhedron", "faces": 12, "rounding": 0, "template_count": 1,
-                        "ratios": {"type": "triangle", "k": 0.5}}},
-                ]},
-            },
-            "distance": {"type": "maximize"},
-            "method": {"type": "monte_carlo", "stop": {"sweeps": 600}},
-        });
-        let packing = packed(&PackingRequest::from_json(&request, seed).unwrap());
-        assert!(packing.report.check.min_gap_mm.unwrap() > 0.3, "{seed}");
-    }
-}

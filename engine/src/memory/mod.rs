@@ -80,13 +80,11 @@ pub(crate) fn refill_with_room<T: Clone>(
     elements: usize,
     value: T,
 ) -> Result<(), OutOfMemory> {
-    vector.clear();
     if vector.capacity() < elements {
         *vector = Vec::new();
         *vector = reserved(elements + elements / 16)?;
     }
-    vector.resize(elements, value);
-    Ok(())
+    refill(vector, elements, value)
 }
 
 /// Room for so many more elements, with some to spare as the vector grows.

@@ -145,7 +145,7 @@ mod cost {
     /// spheres near saturation, 610 to 1570 for Fuller's curve from 0.60 to 0.66.
     pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 60.0;
     pub(super) const BYTES_PER_CROWDED_SPREAD: f64 = 4000.0;
-    /// Bytes per grain while grains grow: 310 to 340.
+    /// Bytes per grain while grains grow from a loose start.
     pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 345.0;
     /// What growth has of its own where its random start takes more than that: 500 to 910 bytes in all for Fuller's
     /// curve from 0.65 to 0.70.

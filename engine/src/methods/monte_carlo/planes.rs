@@ -45,10 +45,10 @@ const UNIT: f64 = 32_767.0;
 /// Bounds of the length of a normal.
 pub(super) const SHORTEST: f64 = UNIT - 1.0;
 pub(super) const LONGEST: f64 = UNIT + 1.0;
-/// The place of a plane in a list that is too long for it.
+/// Stands for a place beyond what 16 bits hold; the list is searched for it.
 const FAR: u16 = u16::MAX;
 
-/// An offset that no grain reaches; less than its negative is crossed by every grain.
+/// An offset that no grain reaches. Its negative is crossed by every grain, wherever it is.
 const NEVER: f32 = 1e30;
 
 /// A normal, about [`UNIT`] long.
@@ -61,7 +61,7 @@ pub(super) fn normal(n: Vector) -> Normal {
     n.each(|c| ((c * UNIT + (UNIT + 1.5)) as i32 - (UNIT + 1.0) as i32) as i16)
 }
 
-/// The largest offset in single precision that is not above this one.
+/// An offset in single precision that is not above this one, and less by a share of 1.3e-7 at most.
 #[inline(always)]
 pub(super) fn below(offset: f64) -> f32 {
     // Rounding changes a number by less than 2^-24 of it.
@@ -148,7 +148,7 @@ pub(super) struct Spread<L> {
 
 impl<L: Lanes> Spread<L> {
     #[inline(always)]
-    pub(super) fn new<S: InstructionSet<Lanes = L>>(set: S, center: Vector, matrix: &Symmetric) -> Self {
+    fn new<S: InstructionSet<Lanes = L>>(set: S, center: Vector, matrix: &Symmetric) -> Self {
         // The sums off the diagonal count twice.
         let [xx, xy, xz, yy, yz, zz] = matrix.0;
         Self {
@@ -321,6 +321,7 @@ impl<S: ConvexShape> System<S> {
         let cold = &self.cold[i];
         let groups = &self.groups[cold.first as usize..(cold.first + cold.count) as usize];
         let place = groups.iter().flat_map(|group| group.neighbors).position(|listed| listed == neighbor);
+        debug_assert!(place.is_some(), "a pair that one of its grains does not list");
         place.map_or(0, |place| place as u32)
     }
 

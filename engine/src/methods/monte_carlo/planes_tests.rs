@@ -97,6 +97,21 @@ properties! {
     }
 
     #[test]
+    fn all_planes_that_are_crossed_are_laid_anew(seed in any::<u64>(), is_periodic in any::<bool>()) {
+        let mut system = system(seed, is_periodic);
+        for group in &mut system.groups {
+            for lane in (0..LANES).filter(|&lane| group.neighbors[lane] < WALL) {
+                // Every grain crosses it, wherever it is in its skin.
+                group.offsets[lane] = below(f64::from(group.offsets[lane]) - 100.0 * UNIT);
+            }
+        }
+        // Some grains lie in one another.
+        prop_assert!(!system.is_clear());
+        let (widest, is_open) = held(&system);
+        prop_assert!(widest < 3e-6 && !is_open);
+    }
+
+    #[test]
     fn normals_and_offsets_are_rounded_as_planes_need_it(seed in any::<u64>(), offset in -1e7..1e7_f64) {
         let rng = &mut rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(seed);
         let n: Vector = (uniform_orientation(rng) * Vector3::x()).into();

@@ -293,22 +293,20 @@ impl Pusher {
             system.cold[i].listed_center = listed_center;
         }
         system.set_wall_planes();
-        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding. All of them: a
-        // grain that crossed its own would not be seen by neighbours that come closer behind theirs.
+        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding.
         let _ = system.is_clear();
     }
 }
 
 impl<S: ConvexShape> System<S> {
-    /// Whether all gaps are kept. Lays new planes wherever a grain crosses its own, so that a grain that stays behind
-    /// its planes keeps its gaps to neighbours that do not move.
+    /// Whether all gaps are kept. Lays all planes anew that grains cross, whether the gaps of other grains are kept or
+    /// not: behind a plane whose counterpart is crossed a neighbour could come too close.
     pub(super) fn is_clear(&mut self) -> bool {
         let cpu = self.cpu;
         with_instruction_set!(cpu, set => set.call(
             #[inline(always)]
             || {
                 let mut is_clear = true;
-                // All grains, whatever is found at the first.
                 for i in 0..self.len() {
                     is_clear &= self.lay_crossed(set, i);
                 }
