@@ -8,7 +8,6 @@ use packstone_engine::export::ExportError;
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{FieldError, GrowthEffort, PackError, PlanError, TargetNotReached};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
 macro_rules! codes {
     ($($(#[doc = $doc:literal])* $variant:ident $name:literal;)*) => {
@@ -112,76 +111,77 @@ pub(crate) struct Failure {
 
 /// Figures that belong to a failure: how far a run came, what was missing. Which of them are present depends on the
 /// code.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[schema(no_recursion)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(no_recursion))]
 pub(crate) struct FailureFacts {
     /// Number of grains that the packing should have.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) grains: Option<u64>,
     /// Number of grains that were placed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) placed: Option<u64>,
     /// Diameter of the grain for which no position was found, in mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) diameter_mm: Option<f64>,
     /// Volume fraction of the grains when the run ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) volume_fraction_reached: Option<f64>,
     /// Volume fraction that the grains should have.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) volume_fraction_asked: Option<f64>,
     /// Gap that all grains kept when the run ended, in mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) distance_mm_reached: Option<f64>,
     /// Gap that the grains should keep, in mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) distance_mm_asked: Option<f64>,
     /// Ratio of the diameters reached to the final diameters.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) scale_reached: Option<f64>,
     /// Number of events of the simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) events: Option<u64>,
     /// Time of the simulated motion, in s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) simulated_time_s: Option<f64>,
     /// Compression cycles of hard-particle Monte Carlo.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) compression_cycles: Option<u64>,
     /// Which criterion ended the growth of the grains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) end: Option<GrowthEnd>,
     /// Whether it is proven that no further grain of this diameter can be inserted.
     #[serde(default, skip_serializing_if = "Option::is_none", alias = "proven")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) saturation_proven: Option<bool>,
     /// Number of insertions tried for the grain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) attempts: Option<u64>,
     /// Free space or memory that is needed, in bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) needed_bytes: Option<u64>,
     /// Free space that there is, in bytes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) free_bytes: Option<u64>,
     /// Progress of the run when it was stopped, from 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false, minimum = 0, maximum = 1)]
+    #[cfg_attr(test, schema(required = false, nullable = false, minimum = 0, maximum = 1))]
     pub(crate) fraction_done: Option<f64>,
 }
 

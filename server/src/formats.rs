@@ -4,8 +4,11 @@ use std::io::{self, Write};
 
 use packstone_engine::export::tables::{self, Format, GrainSource, Head};
 use serde::{Serialize, Serializer};
+#[cfg(test)]
 use utoipa::openapi::RefOr;
+#[cfg(test)]
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+#[cfg(test)]
 use utoipa::{PartialSchema, ToSchema};
 
 use crate::page;
@@ -70,6 +73,7 @@ impl Serialize for ResultFormat {
     }
 }
 
+#[cfg(test)]
 impl PartialSchema for ResultFormat {
     fn schema() -> RefOr<Schema> {
         let names =
@@ -78,6 +82,7 @@ impl PartialSchema for ResultFormat {
     }
 }
 
+#[cfg(test)]
 impl ToSchema for ResultFormat {
     fn name() -> std::borrow::Cow<'static, str> {
         "Format".into()

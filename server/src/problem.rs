@@ -7,7 +7,6 @@
 use packstone_engine::export::ExportError;
 use packstone_engine::{FieldError, PlanError};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::failure::{Failure, FailureCode, FailureFacts, first_of};
 
@@ -163,19 +162,20 @@ impl Kind {
 }
 
 /// One fault: in the body (`pointer`), the query (`parameter`) or the header section (`header`).
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Fault {
     /// RFC 6901 pointer into the body; empty for the body itself.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) pointer: Option<String>,
     /// Name of the query parameter.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) parameter: Option<String>,
     /// Name of the header field.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) header: Option<String>,
     /// What is wrong: the value found and the bound it breaks.
     pub(crate) detail: String,
@@ -225,7 +225,8 @@ pub(crate) struct Members {
 }
 
 /// A format that a result or a table has.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct KnownFormat {
     /// Its name in `?format=`.
     pub(crate) format: &'static str,
@@ -404,57 +405,59 @@ impl From<ExportError> for Problem {
 }
 
 /// The problem document as clients see it (RFC 9457).
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-#[schema(as = Problem)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = Problem))]
 pub(crate) struct ProblemDocument {
     /// Which kind of problem; a reference that this server answers with an explanation.
-    #[schema(format = "uri-reference", example = "/problems/validation-error")]
+    #[cfg_attr(test, schema(format = "uri-reference", example = "/problems/validation-error"))]
     r#type: String,
     /// What the kind is called.
     title: &'static str,
     /// HTTP status.
-    #[schema(minimum = 400, maximum = 599)]
+    #[cfg_attr(test, schema(minimum = 400, maximum = 599))]
     status: u16,
     /// This occurrence, in one sentence.
     detail: String,
     /// The request in which it occurred; the server's log knows it by this id.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(format = "uri-reference", required = false, nullable = false)]
+    #[cfg_attr(test, schema(format = "uri-reference", required = false, nullable = false))]
     instance: Option<String>,
     /// Every fault, each at its place; at most 100, and one more entry that counts the others.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     errors: Vec<Fault>,
     /// State of the job or study that forbids the request.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     state: Option<&'static str>,
     /// Formats that there are, with `not-acceptable`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     formats: Option<Vec<KnownFormat>>,
     /// Longest body in bytes, with `payload-too-large`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     max_bytes: Option<u64>,
     /// Why the job failed, with `job-failed`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     job_error: Option<FailureDocument>,
     /// Why the export failed, with `export-failed`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     export_error: Option<FailureDocument>,
     #[serde(flatten)]
     facts: FailureFacts,
 }
 
 /// Why a job or an export failed: a problem document (RFC 9457) without `status`, because it is no response.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
-#[schema(as = Failure)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = Failure))]
 pub(crate) struct FailureDocument {
     /// The kind of failure; a reference that this server answers with an explanation.
-    #[schema(format = "uri-reference", example = "/problems/target-not-reached")]
+    #[cfg_attr(test, schema(format = "uri-reference", example = "/problems/target-not-reached"))]
     r#type: String,
     /// What the kind is called.
     title: &'static str,
@@ -462,7 +465,7 @@ pub(crate) struct FailureDocument {
     detail: String,
     /// Every fault of the request, each at its place.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     errors: Vec<Fault>,
     #[serde(flatten)]
     facts: FailureFacts,

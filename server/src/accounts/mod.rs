@@ -17,7 +17,6 @@ use clap::ValueEnum;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq as _;
-use utoipa::ToSchema;
 
 use crate::hex;
 
@@ -39,7 +38,8 @@ pub(crate) fn digest(key: &str) -> KeyDigest {
 
 /// What an API key may do. `Metrics` may read the metrics and `Worker` may lease jobs and end them, nothing else; each
 /// of the others may do what those before it may but these two, an administrator all.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, ToSchema, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, ValueEnum)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Role {
     /// Reads the metrics of the service; reads and changes nothing else.

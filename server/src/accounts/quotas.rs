@@ -1,7 +1,6 @@
 //! Bounds of what the jobs of one owner may take.
 
 use serde::Serialize;
-use utoipa::ToSchema;
 
 /// Stands for no bound in the file of keys, where another bound would hold by default.
 pub(super) const NONE: &str = "none";
@@ -35,23 +34,24 @@ impl<T> Word<T> {
 
 /// Bounds of what the jobs of one owner may take, whichever of the owner's keys brought them; `null` where there is no
 /// bound but those of the server.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Quotas {
     /// Most jobs that wait.
     #[serde(rename = "max_queued")]
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) queued: Option<u64>,
     /// Most jobs that run at once.
     #[serde(rename = "max_running")]
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) running: Option<u64>,
     /// Most grains of one packing.
     #[serde(rename = "max_grains")]
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) grains: Option<u64>,
     /// Most bytes of results and kept exports together.
     #[serde(rename = "max_stored_bytes")]
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) stored_bytes: Option<u64>,
 }
 

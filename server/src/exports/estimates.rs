@@ -5,12 +5,12 @@ use packstone_engine::request::PackingRequest;
 use packstone_engine::{Limits, Plan};
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::jobs::JobRequest;
 
 /// What a job amounts to, with the exports that its `postprocess` names.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct JobPlan {
     #[serde(flatten)]
     pub(crate) plan: Plan,
@@ -19,7 +19,8 @@ pub(crate) struct JobPlan {
 }
 
 /// An export and its estimated size.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct PlannedExport {
     /// The export, with its type and with defaults filled in.
     pub(crate) export: ExportRequest,

@@ -10,7 +10,6 @@ pub(crate) mod making;
 use packstone_engine::export::{ExportRequest, ExportType, REVISION};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::failure::Failure;
 use crate::hex;
@@ -24,7 +23,8 @@ pub(crate) const MAX_KEPT: u64 = 100;
 pub(crate) const MAX_WAITING: u64 = 1000;
 
 /// The state of an export.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ExportState {
     /// Waits to be made.

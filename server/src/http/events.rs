@@ -18,13 +18,11 @@ use futures_util::stream::{self, Stream};
 use serde::Serialize;
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::hex;
 use crate::http::app::App;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::OpenProblems;
 use crate::jobs::journal::Changed;
 use crate::jobs::store::{Standing, StoreError};
 use crate::problem::Problem;
@@ -48,7 +46,8 @@ const MOST_TOLD: usize = 10_000;
 static PROCESS: LazyLock<String> = LazyLock::new(|| hex::encode(&rand::random::<[u8; 8]>()));
 
 /// One event of the stream.
-#[derive(Debug, ToSchema)]
+#[derive(Debug)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[expect(dead_code, reason = "it describes what the stream writes")]
 pub(crate) struct ChangeEvent {
     /// What the event tells.
@@ -56,12 +55,13 @@ pub(crate) struct ChangeEvent {
     /// Place in the order of changes, for `Last-Event-ID`.
     id: String,
     /// Of `job` and `study` a `ChangedItem`, of `reset` an empty object; JSON.
-    #[schema(content_media_type = "application/json")]
+    #[cfg_attr(test, schema(content_media_type = "application/json"))]
     data: String,
 }
 
 /// What an event tells.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum ChangeName {
     /// A job has changed.
@@ -83,15 +83,16 @@ impl ChangeName {
 }
 
 /// A job or a study that has changed.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ChangedItem {
     /// ID of the job or the study.
-    #[schema(format = "uuid")]
+    #[cfg_attr(test, schema(format = "uuid"))]
     id: String,
     /// Its state now; `deleted` where it is gone.
     state: &'static str,
     /// Its version now, as in its tag; `null` where it is gone.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     version: Option<i64>,
 }
 
@@ -103,14 +104,14 @@ pub(crate) struct ChangedItem {
 /// more, as after a start of the server, the event `reset` says so: read again what is shown. A deletion is told to
 /// administrators, and to others where the stream has told of the job or study before. A stream ends after an hour,
 /// when its key is withdrawn, and when the server stops.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/events", tag = "jobs", operation_id = "get_events",
     params(("Last-Event-ID" = Option<String>, Header, description = "Id of the last event seen")),
     responses(
         (status = 200, description = "Events until the client leaves", content((ChangeEvent = "text/event-stream"))),
-        OpenProblems
+        crate::http::problems::sets::OpenProblems
     )
-)]
+))]
 pub(crate) async fn events(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -1,7 +1,8 @@
 //! The HTTP interface: a folder per resource, and below them what they share.
 //!
 //! A handler reads its request, calls the store, and writes a view of what it found. Every error is a problem document.
-//! The contract with clients is `openapi.yaml`, which is rendered from the handlers and their types.
+//! The contract with clients is `openapi.yaml`. What describes handlers and types for it is compiled in tests alone, which
+//! make the document from it and compare ([`contract`]).
 
 mod access;
 mod app;
@@ -20,6 +21,7 @@ mod jobs;
 mod leases;
 mod negotiation;
 mod observe;
+#[cfg(test)]
 mod openapi;
 mod pages;
 mod params;
@@ -38,7 +40,7 @@ pub(crate) mod web;
 mod webhooks;
 
 pub(crate) use app::App;
-pub(crate) use contract::yaml;
+pub(crate) use contract::YAML as OPENAPI_YAML;
 pub(crate) use observe::OPEN_ROUTES;
 pub(crate) use problems::PROBLEM_JSON;
 pub(crate) use router::router;

@@ -7,6 +7,7 @@
 use std::fmt::Debug;
 
 use sha2::{Digest, Sha256};
+#[cfg(test)]
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::hex;
@@ -52,6 +53,7 @@ impl PageParameters {
 pub(crate) struct Cursor(String);
 
 impl Value for Cursor {
+    #[cfg(test)]
     fn schema() -> Object {
         let pattern = format!("^[0-9a-f]{{{CURSOR_DIGITS}}}$");
         ObjectBuilder::new().schema_type(Type::String).pattern(Some(pattern)).build()

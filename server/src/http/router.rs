@@ -1,84 +1,87 @@
 //! The routes, and the layers around them.
 
-use std::sync::LazyLock;
-
 use axum::Router;
-use axum::handler::Handler;
 use axum::http::header;
 use axum::middleware;
 use axum::response::{IntoResponse as _, Response};
-use axum::routing::{MethodFilter, get, on};
-use serde_json::Value;
-use utoipa::openapi::HttpMethod;
-use utoipa::{OpenApi as _, Path};
+use axum::routing::get;
 
 use crate::http::app::App;
-use crate::http::{events, exports, jobs, leases, observe, openapi, results, service, session, studies, web};
+use crate::http::{
+    contract, events, exports, jobs, leases, observe, results, service, session, studies, web,
+};
 use crate::problem::{Kind, Problem};
 
-/// From handlers, as `module: name`, makes the function `routes`, which adds them to a router, and the type
-/// `Documented`, which is their documentation. Each handler states its path and method once, for both. To make the
-/// documentation takes 60 ms, half of a start: it is made where it is asked for.
-macro_rules! handlers {
-    ($($($module:ident)::+: $name:ident,)+) => {
+/// From methods, paths and handlers, as `method "path" => module: name`, makes the function `routes`, which adds them to
+/// a router, and in tests the type `Documented`, which is what the handlers say of themselves, and a test that both have
+/// the same methods and paths.
+macro_rules! routes {
+    ($($method:ident $path:literal => $($module:ident)::+: $name:ident,)+) => {
         fn routes(router: Router<App>) -> Router<App> {
-            pastey::paste! {
-                $(let router = route::<$($module::)+ [<__path_ $name>], _>(router, &$($module::)+ $name);)+
-            }
-            router
+            router$(.route($path, axum::routing::$method($($module::)+ $name)))+
         }
 
+        #[cfg(test)]
         #[derive(utoipa::OpenApi)]
         #[openapi(paths($($($module::)+ $name),+))]
-        struct Documented;
+        pub(super) struct Documented;
+
+        #[test]
+        fn handlers_are_documented_as_they_are_routed() {
+            pastey::paste! {$(
+                assert_eq!(<$($module::)+ [<__path_ $name>] as utoipa::Path>::path(), $path);
+                let methods = <$($module::)+ [<__path_ $name>] as utoipa::Path>::methods();
+                assert!(methods == [utoipa::openapi::HttpMethod::[<$method:camel>]], "{}", $path);
+            )+}
+        }
     };
 }
 
-handlers! {
-    jobs::submit: submit,
-    jobs::list: list,
-    jobs::get: get,
-    jobs::actions: delete,
-    jobs::patch: patch,
-    jobs::get: request,
-    jobs::plans: plan,
-    jobs::events: events,
-    jobs::actions: cancel,
-    jobs::actions: retry,
-    results: get,
-    results: summary,
-    jobs::plots: get,
-    exports::list: list,
-    exports::file: get,
-    exports::start: start,
-    exports::delete: delete,
-    exports::status: get,
-    studies::submit: submit,
-    studies::list: list,
-    studies::get: get,
-    studies::actions: delete,
-    studies::patch: patch,
-    jobs::list: list_of_study,
-    studies::table: get,
-    studies::plots: get,
-    studies::actions: cancel,
-    studies::actions: retry,
-    events: events,
-    leases::claim: lease,
-    leases::renew: renew,
-    leases::checkpoint: get,
-    leases::checkpoint: put,
-    leases::result: put,
-    leases::end: end,
-    service::meta: capabilities,
-    service::key: get,
-    session: begin,
-    session: end,
-    service::meta: health,
-    service::meta: ready,
-    service::meta: metrics,
-    service::problem_pages: list,
-    service::problem_pages: get,
+routes! {
+    post "/v1/jobs" => jobs::submit: submit,
+    get "/v1/jobs" => jobs::list: list,
+    get "/v1/jobs/{id}" => jobs::get: get,
+    delete "/v1/jobs/{id}" => jobs::actions: delete,
+    patch "/v1/jobs/{id}" => jobs::patch: patch,
+    get "/v1/jobs/{id}/request" => jobs::get: request,
+    post "/v1/plans" => jobs::plans: plan,
+    get "/v1/jobs/{id}/events" => jobs::events: events,
+    post "/v1/jobs/{id}/cancel" => jobs::actions: cancel,
+    post "/v1/jobs/{id}/retry" => jobs::actions: retry,
+    get "/v1/jobs/{id}/result" => results: get,
+    get "/v1/jobs/{id}/result/summary" => results: summary,
+    get "/v1/jobs/{id}/plots/{kind}" => jobs::plots: get,
+    get "/v1/jobs/{id}/exports" => exports::list: list,
+    get "/v1/jobs/{id}/exports/{type}" => exports::file: get,
+    post "/v1/jobs/{id}/exports/{type}" => exports::start: start,
+    delete "/v1/jobs/{id}/exports/{type}" => exports::delete: delete,
+    get "/v1/jobs/{id}/exports/{type}/status" => exports::status: get,
+    post "/v1/studies" => studies::submit: submit,
+    get "/v1/studies" => studies::list: list,
+    get "/v1/studies/{id}" => studies::get: get,
+    delete "/v1/studies/{id}" => studies::actions: delete,
+    patch "/v1/studies/{id}" => studies::patch: patch,
+    get "/v1/studies/{id}/jobs" => jobs::list: list_of_study,
+    get "/v1/studies/{id}/table" => studies::table: get,
+    get "/v1/studies/{id}/plots/{kind}" => studies::plots: get,
+    post "/v1/studies/{id}/cancel" => studies::actions: cancel,
+    post "/v1/studies/{id}/retry" => studies::actions: retry,
+    get "/v1/events" => events: events,
+    post "/v1/leases" => leases::claim: lease,
+    post "/v1/leases/renewals" => leases::renew: renew,
+    get "/v1/leases/{job}/{attempt}/checkpoint" => leases::checkpoint: get,
+    put "/v1/leases/{job}/{attempt}/checkpoint" => leases::checkpoint: put,
+    put "/v1/leases/{job}/{attempt}/result" => leases::result: put,
+    post "/v1/leases/{job}/{attempt}/end" => leases::end: end,
+    get "/v1/capabilities" => service::meta: capabilities,
+    get "/v1/key" => service::key: get,
+    post "/session" => session: begin,
+    delete "/session" => session: end,
+    get "/healthz" => service::meta: health,
+    get "/readyz" => service::meta: ready,
+    get "/metrics" => service::meta: metrics,
+    get "/problems" => service::problem_pages: list,
+    get "/problems/{kind}" => service::problem_pages: get,
 }
 
 /// The service as a router.
@@ -90,35 +93,6 @@ pub(crate) fn router(app: App) -> Router {
         .with_state(app)
 }
 
-/// Adds a handler at the path and with the methods that it is documented with.
-fn route<P: Path, T: 'static>(router: Router<App>, handler: &impl Handler<T, App>) -> Router<App> {
-    let path = P::path();
-    P::methods()
-        .into_iter()
-        .fold(router, |router, method| router.route(&path, on(filter(&method), handler.clone())))
-}
-
-fn filter(method: &HttpMethod) -> MethodFilter {
-    match method {
-        HttpMethod::Get => MethodFilter::GET,
-        HttpMethod::Post => MethodFilter::POST,
-        HttpMethod::Put => MethodFilter::PUT,
-        HttpMethod::Patch => MethodFilter::PATCH,
-        HttpMethod::Delete => MethodFilter::DELETE,
-        HttpMethod::Head => MethodFilter::HEAD,
-        HttpMethod::Options => MethodFilter::OPTIONS,
-        HttpMethod::Trace => MethodFilter::TRACE,
-    }
-}
-
-/// The document of the interface, as it is checked in.
-pub(crate) fn document() -> Value {
-    openapi::finished(&openapi::base().merge_from(Documented::openapi()))
-}
-
-/// The document as JSON, rendered at the first request: that takes longer than the rest of a start.
 async fn openapi_json() -> Response {
-    static DOCUMENT: LazyLock<String> =
-        LazyLock::new(|| serde_json::to_string_pretty(&document()).unwrap_or_default());
-    ([(header::CONTENT_TYPE, "application/json")], DOCUMENT.as_str()).into_response()
+    ([(header::CONTENT_TYPE, "application/json")], contract::json()).into_response()
 }

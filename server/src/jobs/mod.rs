@@ -8,6 +8,7 @@
 pub(crate) mod journal;
 pub(crate) mod notifications;
 pub(crate) mod request;
+#[cfg(test)]
 pub(crate) mod schema;
 pub(crate) mod store;
 pub(crate) mod sweeper;
@@ -16,7 +17,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use utoipa::ToSchema;
 
 use crate::failure::Failure;
 use crate::ids::StudyId;
@@ -25,7 +25,8 @@ pub(crate) use crate::ids::JobId;
 pub(crate) use request::JobRequest;
 
 /// Where a job stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum State {
     /// Waits for a worker.
@@ -74,10 +75,11 @@ impl State {
 }
 
 /// How far a running job is.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct JobProgress {
     /// Share of the whole work done; never falls within an attempt.
-    #[schema(minimum = 0, maximum = 1)]
+    #[cfg_attr(test, schema(minimum = 0, maximum = 1))]
     pub(crate) fraction: f64,
     /// What the run is doing.
     pub(crate) phase: packstone_engine::Phase,
@@ -90,10 +92,10 @@ pub(crate) struct JobProgress {
     /// One line for a person; may be empty.
     pub(crate) message: String,
     /// Seconds that the rest is likely to take, as of `updated_at`; `null` while nothing can be said.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) eta_s: Option<f64>,
     /// How far the grains have grown; absent in other phases than `edmd`.
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) growth: Option<packstone_engine::Growth>,
 }

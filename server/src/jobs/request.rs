@@ -13,11 +13,9 @@ use packstone_engine::request::{Distance, Method, Mix, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::exports::MAX_POSTPROCESS;
 use crate::failure::Failure;
-use crate::jobs::schema;
 use crate::webhooks::WebhookUrl;
 
 /// Longest name of a job, in characters.
@@ -39,49 +37,50 @@ const DEFAULT_ATTEMPTS: i64 = 3;
 pub(crate) const MAX_THREADS: i64 = 64;
 
 /// A job to run: what to pack, and how to treat it.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
-#[schema(examples(schema::example))]
+#[cfg_attr(test, schema(examples(crate::jobs::schema::example)))]
 pub(crate) struct JobRequest {
     /// A name for people.
-    #[schema(required = false, schema_with = schema::name)]
+    #[cfg_attr(test, schema(required = false, schema_with = crate::jobs::schema::name))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) name: Option<String>,
     /// Keys and values to find the job by: at most 32; a key has 1 to 64 characters and no equals sign, a value at most
     /// 256 characters.
-    #[schema(required = false, schema_with = schema::job_labels)]
+    #[cfg_attr(test, schema(required = false, schema_with = crate::jobs::schema::job_labels))]
     pub(crate) labels: BTreeMap<String, String>,
     /// Seed of the random generator; drawn at submission and recorded when absent.
-    #[schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    #[cfg_attr(test, schema(required = false, minimum = 0, maximum = 9_007_199_254_740_991_u64))]
     pub(crate) seed: u64,
     /// Of the jobs of one owner those of higher priority run first; among equals, studies and single jobs take turns,
     /// each in the order of its jobs. Owners take turns whatever the priorities of their jobs are.
-    #[schema(required = false, default = 0, minimum = -100, maximum = 100)]
+    #[cfg_attr(test, schema(required = false, default = 0, minimum = -100, maximum = 100))]
     pub(crate) priority: i64,
     /// Most threads that compute the packing; the packing does not depend on their number. A job holds as many worker
     /// slots as threads, of those that are free when it starts; without `threads` those that the jobs that wait leave.
     /// No stored request and no result contains it.
-    #[schema(required = false, nullable, minimum = 1, maximum = 64)]
+    #[cfg_attr(test, schema(required = false, nullable, minimum = 1, maximum = 64))]
     #[serde(skip_serializing_if = "never_shown")]
     pub(crate) threads: Option<i64>,
     /// Longest time that one attempt may run; past it the job fails with `timed-out`.
-    #[schema(required = false, nullable, exclusive_minimum = 0, maximum = 2_678_400)]
+    #[cfg_attr(test, schema(required = false, nullable, exclusive_minimum = 0, maximum = 2_678_400))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) timeout_s: Option<f64>,
     /// RFC 3339 time in the future past which the job and its result are removed, once it is finished.
-    #[schema(required = false, nullable, format = DateTime)]
+    #[cfg_attr(test, schema(required = false, nullable, format = DateTime))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) expires_at: Option<String>,
     /// How often the job may be started if the server stops while it runs.
-    #[schema(required = false, default = 3, minimum = 1, maximum = 10)]
+    #[cfg_attr(test, schema(required = false, default = 3, minimum = 1, maximum = 10))]
     pub(crate) max_attempts: i64,
     /// Whether other users of the server may read the job and its result.
-    #[schema(required = false, default = false)]
+    #[cfg_attr(test, schema(required = false, default = false))]
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(crate) shared: bool,
     /// URL to which a signed message is sent when the job ends. No request and no result contains it, because it may
     /// contain a token.
-    #[schema(required = false, schema_with = schema::webhook_url)]
+    #[cfg_attr(test, schema(required = false, schema_with = crate::jobs::schema::webhook_url))]
     #[serde(skip_serializing_if = "never_shown")]
     pub(crate) webhook_url: Option<WebhookUrl>,
     /// What is filled.
@@ -89,18 +88,18 @@ pub(crate) struct JobRequest {
     /// What it is filled with.
     pub(crate) mix: Mix,
     /// The clear distance that grains keep from one another and from the walls; none when absent.
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     pub(crate) distance: Distance,
     /// How the packing is computed; `auto` when absent.
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     pub(crate) method: Method,
     /// Where grains of which size are to lie; anywhere when absent.
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     #[serde(skip_serializing_if = "Segregation::is_none")]
     pub(crate) segregation: Segregation,
     /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
     /// `POST /v1/jobs/{id}/exports`.
-    #[schema(required = false)]
+    #[cfg_attr(test, schema(required = false))]
     #[serde(skip_serializing_if = "Postprocess::is_empty")]
     pub(crate) postprocess: Postprocess,
 }
@@ -233,30 +232,31 @@ impl<T> Change<T> {
 }
 
 /// Changes of a job, as a JSON merge patch (RFC 7396).
-#[derive(Clone, Debug, Default, PartialEq, ToSchema)]
-#[schema(as = JobPatch)]
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = JobPatch))]
 pub(crate) struct JobPatch {
     /// The new name; `null` removes it.
-    #[schema(required = false, nullable, value_type = Option<String>, min_length = 1, max_length = 200)]
+    #[cfg_attr(test, schema(required = false, nullable, value_type = Option<String>, min_length = 1, max_length = 200))]
     pub(crate) name: Change<String>,
     /// The new priority of a waiting job; `null` stands for 0.
-    #[schema(required = false, nullable, minimum = -100, maximum = 100)]
+    #[cfg_attr(test, schema(required = false, nullable, minimum = -100, maximum = 100))]
     pub(crate) priority: Option<i64>,
     /// Labels to set, or to remove where the value is `null`; the other labels stay.
-    #[schema(required = false, nullable, example = json!({"series": "TB-8", "draft": null}))]
+    #[cfg_attr(test, schema(required = false, nullable, example = json!({"series": "TB-8", "draft": null})))]
     pub(crate) labels: BTreeMap<String, Option<String>>,
     /// Whether all present labels are removed first: `labels` was `null`.
-    #[schema(ignore)]
+    #[cfg_attr(test, schema(ignore))]
     pub(crate) clear_labels: bool,
     /// The new RFC 3339 time of expiry, in the future; `null` removes it. In microseconds since the Unix epoch here.
-    #[schema(required = false, nullable, value_type = Option<String>, format = DateTime)]
+    #[cfg_attr(test, schema(required = false, nullable, value_type = Option<String>, format = DateTime))]
     pub(crate) expires_at: Change<i64>,
     /// Whether other users of the server may read the job and its result; `null` stands for `false`.
-    #[schema(required = false, nullable)]
+    #[cfg_attr(test, schema(required = false, nullable))]
     pub(crate) shared: Option<bool>,
     /// The new URL to which a signed message is sent when the job ends; `null` removes it. A message that is recorded
     /// already goes to the URL of before.
-    #[schema(required = false, schema_with = schema::webhook_url)]
+    #[cfg_attr(test, schema(required = false, schema_with = crate::jobs::schema::webhook_url))]
     pub(crate) webhook_url: Change<WebhookUrl>,
 }
 

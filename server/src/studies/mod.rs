@@ -11,6 +11,7 @@ mod facts;
 mod interval;
 mod pointer;
 mod request;
+#[cfg(test)]
 mod schema;
 mod seeds;
 pub(crate) mod shards;
@@ -22,7 +23,6 @@ use std::collections::BTreeMap;
 use packstone_engine::packing::GrowthEnd;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-use utoipa::ToSchema;
 
 use crate::jobs::JobRequest;
 use crate::webhooks::WebhookUrl;
@@ -129,14 +129,15 @@ impl Study {
 }
 
 /// When a point needs no more runs; its queued jobs are then cancelled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct StopWhen {
     /// Number of runs that fail in a row, in the order in which they end.
-    #[schema(required = false, minimum = 1, maximum = 10_000)]
+    #[cfg_attr(test, schema(required = false, minimum = 1, maximum = 10_000))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) failed_in_a_row: Option<u32>,
     /// The 95 % interval of its success rate (Wilson 1927) is narrower than this, after five runs at least.
-    #[schema(required = false, exclusive_minimum = 0, maximum = 1)]
+    #[cfg_attr(test, schema(required = false, exclusive_minimum = 0, maximum = 1))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) interval_width: Option<f64>,
 }

@@ -7,7 +7,6 @@ use std::io::{self, Write};
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use super::interval::wilson;
 use super::{Facts, Outcome, Run};
@@ -31,13 +30,14 @@ pub(crate) struct Rest {
 }
 
 /// What the runs of a study came to.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
-#[schema(as = StudyTable)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = StudyTable))]
 pub(crate) struct Table {
     /// Names of the columns that tell the points apart: JSON pointers, or `point` and `name` for a list.
     pub(crate) columns: Vec<String>,
     /// One per point, in the order of the study: the values of these columns, and the figures.
-    #[schema(value_type = Vec<Cells>)]
+    #[cfg_attr(test, schema(value_type = Vec<Cells>))]
     pub(crate) rows: Vec<Row>,
 }
 
@@ -62,8 +62,9 @@ pub(crate) enum Cell {
 macro_rules! cells {
     ($($(#[$meta:meta])* $name:ident: [$($kind:tt)+],)*) => {
         /// The figures of the runs of a point. A figure is `null` where no run has it.
-        #[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
-        #[schema(as = StudyTableRow)]
+        #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+        #[cfg_attr(test, derive(utoipa::ToSchema))]
+        #[cfg_attr(test, schema(as = StudyTableRow))]
         pub(crate) struct Cells {
             $($(#[$meta])* pub(crate) $name: $($kind)+,)*
         }
@@ -82,53 +83,53 @@ macro_rules! cells {
 
 cells! {
     /// Grains of the mix; median of the runs.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     grains: [Option<f64>],
     /// Volume fraction of the grains (`phi_eff`), counted in each run; median.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     volume_fraction_effective: [Option<f64>],
     /// The same with each grain enlarged by half the distance it keeps; median of the successes.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     volume_fraction_with_coating: [Option<f64>],
     /// Runs that succeeded or did not reach their target.
     runs: [u64],
     /// Runs that reached the requested packing.
     successes: [u64],
     /// `successes / runs`.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     success_rate: [Option<f64>],
     /// Lower end of the 95 % interval of the success rate (Wilson 1927).
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     success_rate_low: [Option<f64>],
     /// Upper end of that interval.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     success_rate_high: [Option<f64>],
     /// Wall-clock time of all runs together.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     time_s_total: [Option<f64>],
     /// `time_s_total / successes`: time per success, failed runs included.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     time_s_per_success: [Option<f64>],
     /// Wall-clock time of a success; median.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     time_s_median: [Option<f64>],
     /// Wall-clock time of the longest success.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     time_s_max: [Option<f64>],
     /// Constant distance kept, or reached where the run failed; median of the runs.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     distance_mm_median: [Option<f64>],
     /// The smallest of these.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     distance_mm_min: [Option<f64>],
     /// The largest of these.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     distance_mm_max: [Option<f64>],
     /// Events of the growth; median of the runs that grew grains.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     events_median: [Option<f64>],
     /// Time of the growth per event, in us; median of the successes that grew grains.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     event_us_median: [Option<f64>],
     /// Queued and running jobs.
     waiting: [u64],

@@ -15,4 +15,6 @@ pub(crate) const NONE_OF_JOBS: &str =
     "the jobs of a study send no messages: leave this field out, and give it to the study itself";
 
 pub(crate) use rules::WebhookRules;
-pub(crate) use url::{MAX_URL_CHARS, WebhookUrl};
+#[cfg(test)]
+pub(crate) use url::MAX_URL_CHARS;
+pub(crate) use url::WebhookUrl;

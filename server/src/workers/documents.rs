@@ -7,7 +7,6 @@ use packstone_engine::{FieldError, Limits};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::failure::Failure;
 use crate::ids::JobId;
@@ -68,21 +67,22 @@ fn bounded(faults: &mut Vec<FieldError>, pointer: &str, text: &str, most: usize)
 }
 
 /// A process asks for jobs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LeaseRequest {
     /// An ID of this request. A repeated request with the same ID gets the same jobs again, as long as they run.
-    #[schema(min_length = 1, max_length = 64)]
+    #[cfg_attr(test, schema(min_length = 1, max_length = 64))]
     pub(crate) claim: String,
     /// Name of the process, for people.
-    #[schema(min_length = 1, max_length = 100)]
+    #[cfg_attr(test, schema(min_length = 1, max_length = 100))]
     pub(crate) worker: String,
     /// Most jobs that it takes.
-    #[schema(minimum = 1, maximum = 1024)]
+    #[cfg_attr(test, schema(minimum = 1, maximum = 1024))]
     pub(crate) slots: u32,
     /// Time that it has left for jobs, in s, where that is limited. It gets jobs that are forecast to take no longer,
     /// and, with 30 s and more, those whose method keeps checkpoints.
-    #[schema(value_type = Option<f64>, minimum = 0, maximum = 1_000_000_000, required = false)]
+    #[cfg_attr(test, schema(value_type = Option<f64>, minimum = 0, maximum = 1_000_000_000, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) remaining_s: Option<f64>,
     /// Version and commit of the process.
@@ -109,33 +109,35 @@ impl Checked for LeaseRequest {
 }
 
 /// The jobs that a process has leased.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct LeasesDocument {
     pub(crate) leases: Vec<LeaseDocument>,
 }
 
 /// A job that a process has leased.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct LeaseDocument {
     /// ID of the job.
-    #[schema(value_type = String, format = "uuid")]
+    #[cfg_attr(test, schema(value_type = String, format = "uuid"))]
     pub(crate) job: JobId,
     /// Number of the attempt. Job and attempt name the lease.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     pub(crate) attempt: i64,
     /// Time for which the lease lasts without a renewal, in s.
     pub(crate) lease_s: f64,
     /// Longest time of the attempt, in s.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     pub(crate) timeout_s: Option<f64>,
     /// Faults of machines that earlier attempts have met.
-    #[schema(minimum = 0)]
+    #[cfg_attr(test, schema(minimum = 0))]
     pub(crate) faults: i64,
     /// Most threads that may compute the packing, as the request has it.
-    #[schema(required, minimum = 1, maximum = 64)]
+    #[cfg_attr(test, schema(required, minimum = 1, maximum = 64))]
     pub(crate) threads: Option<u32>,
     /// Most threads that it has work for.
-    #[schema(minimum = 1, maximum = 64)]
+    #[cfg_attr(test, schema(minimum = 1, maximum = 64))]
     pub(crate) most_threads: u32,
     /// Jobs that wait. A job without `threads` leaves them the slots that they could have.
     pub(crate) queued: u64,
@@ -183,26 +185,28 @@ impl LeaseDocument {
 }
 
 /// A process renews its leases.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RenewalRequest {
     /// One for each job that it runs.
-    #[schema(max_items = 2048)]
+    #[cfg_attr(test, schema(max_items = 2048))]
     pub(crate) renewals: Vec<RenewalDocument>,
 }
 
 /// The renewal of a lease.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RenewalDocument {
     /// ID of the job.
-    #[schema(value_type = String, format = "uuid")]
+    #[cfg_attr(test, schema(value_type = String, format = "uuid"))]
     pub(crate) job: JobId,
     /// Number of the attempt.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     pub(crate) attempt: i64,
     /// How far the run is, where that is news; as `progress` of a job shows it.
-    #[schema(value_type = Option<Object>, required = false)]
+    #[cfg_attr(test, schema(value_type = Option<Object>, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) progress: Option<JobProgress>,
 }
@@ -251,7 +255,8 @@ impl From<RenewalDocument> for Renewal {
 }
 
 /// What became of the leases of a process.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct RenewalsDocument {
     pub(crate) leases: Vec<RenewedDocument>,
     /// Time after which the next renewal is expected, in s: short where a client watches one of the jobs.
@@ -259,19 +264,21 @@ pub(crate) struct RenewalsDocument {
 }
 
 /// What became of a lease.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct RenewedDocument {
     /// ID of the job.
-    #[schema(value_type = String, format = "uuid")]
+    #[cfg_attr(test, schema(value_type = String, format = "uuid"))]
     pub(crate) job: JobId,
     /// Number of the attempt.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     pub(crate) attempt: i64,
     pub(crate) state: LeaseState,
 }
 
 /// The state of a lease.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum LeaseState {
     /// It is renewed.
@@ -293,26 +300,28 @@ impl From<Held> for LeaseState {
 }
 
 /// The end of an attempt without a result.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct EndRequest {
     pub(crate) outcome: EndOutcome,
     /// Why the job failed, with `failed`.
-    #[schema(value_type = Option<Object>, required = false)]
+    #[cfg_attr(test, schema(value_type = Option<Object>, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) failure: Option<Failure>,
     /// What a study keeps of the run, with `failed`.
-    #[schema(value_type = Option<Object>, required = false)]
+    #[cfg_attr(test, schema(value_type = Option<Object>, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) facts: Option<Facts>,
     /// Bytes for which the server has no room, with `faulted`: the job goes on as soon as there are so many.
-    #[schema(value_type = Option<u64>, maximum = 9_223_372_036_854_775_807_u64, required = false)]
+    #[cfg_attr(test, schema(value_type = Option<u64>, maximum = 9_223_372_036_854_775_807_u64, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) needed_bytes: Option<u64>,
 }
 
 /// How an attempt ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum EndOutcome {
     /// The job has failed.

@@ -4,17 +4,23 @@ use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
 use serde_json::{Map, Value as Json};
+#[cfg(test)]
 use utoipa::IntoParams;
+#[cfg(test)]
 use utoipa::openapi::Required;
+#[cfg(test)]
 use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterIn, ParameterStyle};
+#[cfg(test)]
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 
 use crate::exports::{NewExport, estimates};
 use crate::failure::FailureCode;
 use crate::http::app::App;
 use crate::http::files::stem;
-use crate::http::params::values::{Value, uuid_schema};
-use crate::http::params::{ParameterSet, RawQuery, choices, described_path, described_query, names, shown};
+#[cfg(test)]
+use crate::http::params::described::{described_path, described_query, uuid_schema};
+use crate::http::params::values::Value;
+use crate::http::params::{ParameterSet, RawQuery, choices, names, shown};
 use crate::http::problems::refused;
 use crate::http::results::finished;
 use crate::http::storage::check_room;
@@ -47,6 +53,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
     }
 }
 
+#[cfg(test)]
 impl IntoParams for ExportPath {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![
@@ -65,6 +72,7 @@ choices! {
 pub(crate) struct ExportOptions(Vec<(String, String)>);
 
 impl ParameterSet for ExportOptions {
+    #[cfg(test)]
     fn describe(described: &mut Vec<Described>) {
         let text = || ObjectBuilder::new().schema_type(Type::String).build();
         let parameter = |name: &str, description: &str| {
@@ -105,6 +113,7 @@ impl ParameterSet for ExportOptions {
         pairs.extend(self.0.iter().cloned());
     }
 }
+#[cfg(test)]
 described_query!(ExportOptions);
 
 /// The export that a request names, of a job that has a result.

@@ -10,20 +10,19 @@ use crate::http::exports::address::{ExportPath, Target};
 use crate::http::exports::making::find;
 use crate::http::params::Query;
 use crate::http::problems::refused;
-use crate::http::problems::sets::ExportStatusProblems;
 use crate::problem::Problem;
 
 /// Delete an export
 ///
 /// Whatever its state: an export that is being made is cancelled.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     delete, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "delete_export",
     params(
         ExportPath,
         ExportOptions,
     ),
-    responses((status = 204, description = "The export is removed"), ExportStatusProblems)
-)]
+    responses((status = 204, description = "The export is removed"), crate::http::problems::sets::ExportStatusProblems)
+))]
 pub(crate) async fn delete(
     State(app): State<App>,
     path: ExportPath,

@@ -15,12 +15,10 @@ use crate::http::conditional::Wait;
 use crate::http::exports::ExportOptions;
 use crate::http::exports::address::{ExportPath, Target};
 use crate::http::exports::making::{self, Made};
-use crate::http::exports::media::FileResponses;
-use crate::http::exports::view::{self, Export};
+use crate::http::exports::view;
 use crate::http::files::{self, Coding, Described};
 use crate::http::params::Query;
 use crate::http::problems::of_fault;
-use crate::http::problems::sets::ExportFileProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::Fault;
@@ -39,7 +37,7 @@ const URL_VALID: Duration = Duration::from_mins(5);
 /// gets it later. Supports `Range` with one part, `If-Range` and `If-None-Match`. What nobody asked to be kept is a
 /// cache: it may be dropped, and is made again. A server that is told to (`--blobs-redirect`) answers with a URL of its
 /// storage, valid for 5 minutes, in place of the file.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "get_export",
     params(
         ExportPath,
@@ -50,13 +48,13 @@ const URL_VALID: Duration = Duration::from_mins(5);
         ("If-None-Match" = Option<String>, Header, description = "Tag of the file as known"),
     ),
     responses(
-        FileResponses,
-        (status = 202, description = "The file is not made yet: its state", body = Export,
+        crate::http::exports::responses::FileResponses,
+        (status = 202, description = "The file is not made yet: its state", body = view::Export,
             headers(("Retry-After" = String, description = "Seconds after which to ask again"),
                 ("Content-Location" = String, description = "Address of the export's document"))),
-        ExportFileProblems
+        crate::http::problems::sets::ExportFileProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     path: ExportPath,

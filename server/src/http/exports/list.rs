@@ -4,40 +4,39 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::exports::view::Export;
 use crate::http::pages::{self, PageParameters};
 use crate::http::params::{IdPath, JobPath, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::JobProblems;
 use crate::http::response::set;
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
 
 /// A page of the exports of a job.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ExportPage {
     /// The exports, newest first.
     items: Vec<Export>,
     /// Where the next page starts; `null` on the last.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
 }
 
 /// List the exports of a job
 ///
 /// Newest first: those that are kept, and those of the cache that are still there.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/exports", tag = "exports", operation_id = "list_exports",
     params(JobPath, PageParameters),
     responses(
         (status = 200, description = "A page", body = ExportPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
-        JobProblems
+        crate::http::problems::sets::JobProblems
     )
-)]
+))]
 pub(crate) async fn list(
     State(app): State<App>,
     IdPath(id): JobPath,

@@ -9,6 +9,8 @@ pub(crate) mod file;
 pub(crate) mod list;
 mod making;
 pub(crate) mod media;
+#[cfg(test)]
+mod responses;
 pub(crate) mod start;
 pub(crate) mod status;
 pub(crate) mod view;

@@ -10,11 +10,10 @@ use crate::http::conditional::Wait;
 use crate::http::exports::ExportOptions;
 use crate::http::exports::address::{ExportPath, Target, file_path, status_path};
 use crate::http::exports::making::until_finished;
-use crate::http::exports::view::{self, Export};
+use crate::http::exports::view;
 use crate::http::params::values::Flag;
 use crate::http::params::{Query, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::ExportStartProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::Retention;
@@ -35,7 +34,7 @@ parameters! {
 /// The answer does not wait for the file, unless `Prefer: wait=N` says so. The same options name the same export: a
 /// request for one that exists finds it. With `keep=true`, the default, the file stays with its job; else it is part of
 /// a cache. The request has no body.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/jobs/{id}/exports/{type}", tag = "exports", operation_id = "start_export",
     params(
         ExportPath,
@@ -43,14 +42,14 @@ parameters! {
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the export is finished, or after N s (at most 60)"),
     ),
     responses(
-        (status = 202, description = "The export waits or is being made", body = Export,
+        (status = 202, description = "The export waits or is being made", body = view::Export,
             headers(("Location" = String, description = "Address of the file"), ("ETag" = String, description = "Tag of the export's document"),
                 ("Retry-After" = String, description = "Seconds after which to ask again"))),
-        (status = 200, description = "The export is finished: made or failed", body = Export,
+        (status = 200, description = "The export is finished: made or failed", body = view::Export,
             headers(("Location" = String, description = "Address of the file"), ("ETag" = String, description = "Tag of the export's document"))),
-        ExportStartProblems
+        crate::http::problems::sets::ExportStartProblems
     )
-)]
+))]
 pub(crate) async fn start(
     State(app): State<App>,
     path: ExportPath,

@@ -9,10 +9,9 @@ use crate::http::app::App;
 use crate::http::exports::ExportOptions;
 use crate::http::exports::address::{ExportPath, Target};
 use crate::http::exports::making::find;
-use crate::http::exports::view::{self, Export};
+use crate::http::exports::view;
 use crate::http::params::Query;
 use crate::http::problems::refused;
-use crate::http::problems::sets::ExportStatusProblems;
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
@@ -22,7 +21,7 @@ use crate::problem::Problem;
 /// With `Prefer: wait=N` the answer is held back as that of a job is: until the export differs from `If-None-Match`
 /// (304 if it never does), or without that field until it is finished. 404 says that nobody has asked for the export
 /// yet.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}/status", tag = "exports", operation_id = "get_export_status",
     params(
         ExportPath,
@@ -31,12 +30,12 @@ use crate::problem::Problem;
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
     responses(
-        (status = 200, description = "The export", body = Export,
+        (status = 200, description = "The export", body = view::Export,
             headers(("ETag" = String, description = "Tag of the export's document"))),
         (status = 304, description = "The export is as known"),
-        ExportStatusProblems
+        crate::http::problems::sets::ExportStatusProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     path: ExportPath,

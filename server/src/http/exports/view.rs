@@ -2,31 +2,30 @@
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::export::{ExportReport, ExportRequest, ExportType};
+use packstone_engine::export::ExportType;
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::exports::{ExportRecord, ExportState};
 use crate::http::exports::address::{file_path, status_path};
 use crate::http::response::{set, time};
 use crate::http::waiting::Changing;
 use crate::ids::JobId;
-use crate::jobs::JobProgress;
 use crate::problem::FailureDocument;
 
 /// An export: a file that is made, or to be made, of a result.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Export {
     /// ID of the job of whose result it is made.
-    #[schema(format = "uuid")]
+    #[cfg_attr(test, schema(format = "uuid"))]
     job_id: String,
     /// Its type.
     r#type: ExportType,
     /// Its file format.
     format: String,
     /// The request, with the defaults filled in.
-    #[schema(value_type = ExportRequest)]
+    #[cfg_attr(test, schema(value_type = packstone_engine::export::ExportRequest))]
     options: Value,
     /// Where it stands.
     state: ExportState,
@@ -34,41 +33,42 @@ pub(crate) struct Export {
     /// it is requested again.
     kept: bool,
     /// How far it is while it is being made.
-    #[schema(value_type = Option<JobProgress>, required)]
+    #[cfg_attr(test, schema(value_type = Option<crate::jobs::JobProgress>, required))]
     progress: Option<Value>,
     /// Media type of the file; `null` for an export of an earlier version whose options this version does not know.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     media_type: Option<&'static str>,
     /// Length of the file.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     bytes: Option<u64>,
     /// SHA-256 of the file, in hexadecimal.
-    #[schema(required, pattern = "^[0-9a-f]{64}$")]
+    #[cfg_attr(test, schema(required, pattern = "^[0-9a-f]{64}$"))]
     sha256: Option<String>,
     /// The figures of the export.
-    #[schema(value_type = Option<ExportReport>, required)]
+    #[cfg_attr(test, schema(value_type = Option<packstone_engine::export::ExportReport>, required))]
     report: Option<Value>,
     /// Why it failed.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     error: Option<FailureDocument>,
     /// When it was requested first (RFC 3339, UTC).
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     created_at: String,
     /// When its latest attempt started.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     started_at: Option<String>,
     /// When it was made, or failed.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     finished_at: Option<String>,
     /// When it last changed.
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     updated_at: String,
     /// Addresses of what belongs to it.
     links: ExportLinks,
 }
 
 /// Addresses of what belongs to an export.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ExportLinks {
     /// This document.
     #[serde(rename = "self")]
@@ -80,7 +80,8 @@ pub(crate) struct ExportLinks {
 }
 
 /// An export that is kept with a job.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ExportLink {
     /// Its type.
     r#type: ExportType,

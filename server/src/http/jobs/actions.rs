@@ -8,10 +8,9 @@ use axum::response::{IntoResponse as _, Response};
 use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::target;
-use crate::http::jobs::view::{self, Job};
+use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::{ActionProblems, RetryProblems};
 use crate::jobs::store::Cancelled;
 use crate::jobs::{JobId, JobRecord};
 use crate::problem::Problem;
@@ -20,18 +19,18 @@ use crate::tasks;
 /// Cancel a job
 ///
 /// A waiting job is cancelled at once; a running one is asked to stop, and does within two seconds.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/jobs/{id}/cancel", tag = "jobs", operation_id = "cancel_job",
     params(
         JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
     responses(
-        (status = 200, description = "The job is cancelled", body = Job),
-        (status = 202, description = "The job was asked to stop", body = Job),
-        ActionProblems
+        (status = 200, description = "The job is cancelled", body = view::Job),
+        (status = 202, description = "The job was asked to stop", body = view::Job),
+        crate::http::problems::sets::ActionProblems
     )
-)]
+))]
 pub(crate) async fn cancel(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -56,14 +55,14 @@ pub(crate) async fn cancel(
 /// Retry a job that failed, was cancelled, or whose stored result is damaged
 ///
 /// It goes back to the queue as its next attempt, with its attempts renewed.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/jobs/{id}/retry", tag = "jobs", operation_id = "retry_job",
     params(
         JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
-    responses((status = 200, description = "The job waits again", body = Job), RetryProblems)
-)]
+    responses((status = 200, description = "The job waits again", body = view::Job), crate::http::problems::sets::RetryProblems)
+))]
 pub(crate) async fn retry(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -95,14 +94,14 @@ async fn damaged_result(app: &App, id: JobId) -> Result<Option<String>, Problem>
 }
 
 /// Delete a finished job, its result, and what was made of it
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     delete, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "delete_job",
     params(
         JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
-    responses((status = 204, description = "The job is gone"), ActionProblems)
-)]
+    responses((status = 204, description = "The job is gone"), crate::http::problems::sets::ActionProblems)
+))]
 pub(crate) async fn delete(
     State(app): State<App>,
     IdPath(id): JobPath,

@@ -15,13 +15,11 @@ use axum::response::{IntoResponse as _, Response};
 use futures_util::stream::{self, Stream};
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::JobProblems;
 use crate::jobs::notifications::Subscription;
 use crate::jobs::store::StoreError;
 use crate::jobs::{self, JobId, JobRecord};
@@ -31,20 +29,22 @@ use crate::problem::Problem;
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// One event of the stream.
-#[derive(Debug, ToSchema)]
+#[derive(Debug)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct JobEvent {
     /// What the event tells.
     event: EventName,
     /// Version of the job, for `Last-Event-ID`.
-    #[schema(pattern = "^[0-9]+$")]
+    #[cfg_attr(test, schema(pattern = "^[0-9]+$"))]
     id: String,
     /// The job without its request, or its progress; JSON.
-    #[schema(content_media_type = "application/json")]
+    #[cfg_attr(test, schema(content_media_type = "application/json"))]
     data: String,
 }
 
 /// What an event tells.
-#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum EventName {
     /// The job moved.
@@ -75,7 +75,7 @@ impl From<JobEvent> for Event {
 ///
 /// Events `state` and `end` carry the job without its request, `progress` its progress. The stream
 /// ends after `end`; it may end earlier when the server stops, and is resumed by `Last-Event-ID`.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/events", tag = "jobs", operation_id = "get_job_events",
     params(
         JobPath,
@@ -83,9 +83,9 @@ impl From<JobEvent> for Event {
     ),
     responses(
         (status = 200, description = "Events until the job ends", body = JobEvent, content_type = "text/event-stream"),
-        JobProblems
+        crate::http::problems::sets::JobProblems
     )
-)]
+))]
 pub(crate) async fn events(
     State(app): State<App>,
     IdPath(id): JobPath,

@@ -9,13 +9,12 @@ use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::polled::RECENT;
-use crate::http::jobs::view::{self, Job};
+use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::JobProblems;
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
-use crate::jobs::{self, JobId, JobRecord, JobRequest};
+use crate::jobs::{self, JobId, JobRecord};
 use crate::problem::Problem;
 
 choices! {
@@ -47,7 +46,7 @@ impl IncludeParameters {
 /// With `Prefer: wait=N` the answer is held back for at most N s: until the job differs from `If-None-Match` (304 if it
 /// never does), or without that field until the job is finished. The request, which may be long, is left out unless
 /// `include=request` asks for it; it is at `/v1/jobs/{id}/request`, too.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
     params(
         JobPath,
@@ -56,12 +55,12 @@ impl IncludeParameters {
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
     responses(
-        (status = 200, description = "The job", body = Job,
+        (status = 200, description = "The job", body = view::Job,
             headers(("ETag" = String, description = "Tag of the job"))),
         (status = 304, description = "The job is as known"),
-        JobProblems
+        crate::http::problems::sets::JobProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -88,11 +87,11 @@ pub(crate) async fn get(
 ///
 /// As submitted, with its defaults and its seed filled in, but without its `webhook_url`: submitted again, it gives the
 /// same packing.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
     params(JobPath),
-    responses((status = 200, description = "The request", body = JobRequest), JobProblems)
-)]
+    responses((status = 200, description = "The request", body = jobs::JobRequest), crate::http::problems::sets::JobProblems)
+))]
 pub(crate) async fn request(
     State(app): State<App>,
     IdPath(id): JobPath,

@@ -5,7 +5,6 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
@@ -14,7 +13,6 @@ use crate::http::pages::{self, PageParameters};
 use crate::http::params::values::{Labels, OrDefault, Text, Time};
 use crate::http::params::{Choice as _, IdPath, ParameterSet, Query, StudyPath, choices, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::{ListProblems, StudyProblems};
 use crate::http::response::set;
 use crate::ids::StudyId;
 use crate::jobs;
@@ -23,12 +21,13 @@ use crate::jobs::store::{Filter, Order, SortKey, StoreError};
 use crate::problem::Problem;
 
 /// A page of jobs.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct JobPage {
     /// The jobs in the order of `sort`, without their requests.
     items: Vec<JobSummary>,
     /// Where the next page starts; `null` on the last.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
 }
 
@@ -119,15 +118,15 @@ parameters! {
 ///
 /// Newest first, unless `sort` says otherwise. Items are jobs without their `request`. A key with the role `admin` sees
 /// all jobs, any other key those of its owner and those that are shared.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs", tag = "jobs", operation_id = "list_jobs",
     params(AllJobsParameters),
     responses(
         (status = 200, description = "A page", body = JobPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
-        ListProblems
+        crate::http::problems::sets::ListProblems
     )
-)]
+))]
 pub(crate) async fn list(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -145,15 +144,15 @@ pub(crate) async fn list(
 ///
 /// As `GET /v1/jobs?study=`. Newest first, unless `sort` says otherwise: the last replicates of all points come before
 /// the first.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies/{id}/jobs", tag = "studies", operation_id = "list_study_jobs",
     params(StudyPath, JobListParameters),
     responses(
         (status = 200, description = "A page", body = JobPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
-        StudyProblems
+        crate::http::problems::sets::StudyProblems
     )
-)]
+))]
 pub(crate) async fn list_of_study(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

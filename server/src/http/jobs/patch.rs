@@ -12,10 +12,9 @@ use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::target;
-use crate::http::jobs::view::{self, Job};
+use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::PatchProblems;
 use crate::http::webhooks;
 use crate::jobs::request::{Change, JobPatch};
 use crate::problem::Problem;
@@ -26,7 +25,7 @@ use crate::strict_json;
 /// A JSON merge patch (RFC 7396): absent fields stay, `null` removes a name, an expiry, a label or a `webhook_url`.
 /// The priority can be changed while the job waits. A changed `webhook_url` counts for the next end of the job. The
 /// request of the job stays as it was submitted.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     patch, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "patch_job",
     params(
         JobPath,
@@ -35,11 +34,11 @@ use crate::strict_json;
     ),
     request_body(content = JobPatch, content_type = "application/merge-patch+json"),
     responses(
-        (status = 200, description = "The job after the change", body = Job,
+        (status = 200, description = "The job after the change", body = view::Job,
             headers(("ETag" = String, description = "Tag of the job"))),
-        PatchProblems
+        crate::http::problems::sets::PatchProblems
     )
-)]
+))]
 pub(crate) async fn patch(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

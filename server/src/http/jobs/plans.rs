@@ -12,8 +12,6 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::jobs::reading::{Proposal, Submission, read};
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::PlanProblems;
-use crate::jobs::JobRequest;
 use crate::problem::Problem;
 use crate::tasks;
 
@@ -22,11 +20,11 @@ use crate::tasks;
 /// What the job in the body amounts to: expected grains, volume fractions, memory, time, whether the mix can fit at
 /// all, and the sizes of the exports that `postprocess` names. Nothing is stored. What a submission refuses, this
 /// refuses with the same problem.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/plans", tag = "jobs", operation_id = "plan_job",
-    request_body(content = JobRequest, content_type = "application/json"),
-    responses((status = 200, description = "The plan", body = JobPlan), PlanProblems)
-)]
+    request_body(content = crate::jobs::JobRequest, content_type = "application/json"),
+    responses((status = 200, description = "The plan", body = JobPlan), crate::http::problems::sets::PlanProblems)
+))]
 pub(crate) async fn plan(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -10,7 +10,6 @@ use axum::response::Response;
 use crate::http::app::App;
 use crate::http::drawing::{PlotOptions, not_drawn, not_modified, svg, turn};
 use crate::http::params::{PlotPath, Query};
-use crate::http::problems::sets::PlotProblems;
 use crate::http::results::{blocking, finished};
 use crate::http::{conditional, files};
 use crate::plots::draw;
@@ -26,7 +25,7 @@ use crate::problem::Problem;
 /// elongation against flatness of grains that are no spheres; `flakiness`: their share of flaky mass by particle size
 /// fraction of EN 933-3; `quality`: whether the packing is random, by volumes near the walls, near pairs and bond
 /// order. A plot for which the packing has no data is refused with the reason.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/plots/{kind}", tag = "results", operation_id = "get_job_plot",
     params(
         PlotPath<JobPlot>,
@@ -37,9 +36,9 @@ use crate::problem::Problem;
         (status = 200, description = "The plot", content((String = "image/svg+xml")),
             headers(("ETag" = String, description = "Strong tag of the plot"))),
         (status = 304, description = "The plot is as known"),
-        PlotProblems
+        crate::http::problems::sets::PlotProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     PlotPath { id, kind }: PlotPath<JobPlot>,

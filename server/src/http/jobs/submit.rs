@@ -14,15 +14,13 @@ use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::wait_until;
 use crate::http::jobs::reading::{Proposal, Submission, read};
-use crate::http::jobs::view::{self, Job};
+use crate::http::jobs::view;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
 use crate::http::storage::check_room;
 use crate::http::submission::idempotency_key;
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::JobRequest;
 use crate::jobs::store::{IdempotencyKey, NewJob, Submitted};
 use crate::problem::Problem;
 use crate::storage::Storage;
@@ -30,21 +28,21 @@ use crate::storage::Storage;
 /// Submit a job
 ///
 /// The answer comes once the job is safe on disk. `POST /v1/plans` tells beforehand what a job amounts to.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/jobs", tag = "jobs", operation_id = "submit_job",
     params(
         ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same job, however often they are sent; the key lives as long as its job"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`: answer when the job is finished, or after N s (at most 60)"),
     ),
-    request_body(content = JobRequest, content_type = "application/json"),
+    request_body(content = crate::jobs::JobRequest, content_type = "application/json"),
     responses(
-        (status = 201, description = "The job was accepted; or, after a wait, it is finished", body = Job,
+        (status = 201, description = "The job was accepted; or, after a wait, it is finished", body = view::Job,
             headers(("Location" = String, description = "Path of the job"), ("ETag" = String, description = "Tag of the job"))),
-        (status = 200, description = "The job that the same Idempotency-Key brought before", body = Job,
+        (status = 200, description = "The job that the same Idempotency-Key brought before", body = view::Job,
             headers(("Location" = String, description = "Path of the job"), ("ETag" = String, description = "Tag of the job"))),
-        SubmitProblems
+        crate::http::problems::sets::SubmitProblems
     )
-)]
+))]
 pub(crate) async fn submit(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

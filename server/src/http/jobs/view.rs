@@ -4,11 +4,8 @@ use std::collections::BTreeMap;
 
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
-use packstone_engine::export::tables::EngineInfo;
-use packstone_engine::packing::Summary;
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::formats::ResultFormat;
@@ -18,18 +15,19 @@ use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
 use crate::jobs::store::StoreError;
-use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, State};
+use crate::jobs::{ArtifactRecord, JobRecord, State};
 use crate::plots::job::JobPlot;
 use crate::problem::FailureDocument;
 
 /// A job without its request, as listings show it.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct JobSummary {
     /// ID of the job (UUIDv7).
-    #[schema(format = "uuid")]
+    #[cfg_attr(test, schema(format = "uuid"))]
     id: String,
     /// A name for people.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     name: Option<String>,
     /// Keys and values to find the job by.
     labels: BTreeMap<String, String>,
@@ -38,80 +36,81 @@ pub(crate) struct JobSummary {
     /// A client wants the job to end.
     cancel_requested: bool,
     /// The attempt that runs, ran last, or will run next.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     attempt: i64,
     /// The last attempt that may start.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     max_attempts: i64,
     /// Jobs of higher priority run first.
-    #[schema(minimum = -100, maximum = 100)]
+    #[cfg_attr(test, schema(minimum = -100, maximum = 100))]
     priority: i64,
     /// Most threads that compute the packing, as the request has it; `null` for those that the service has to spare.
-    #[schema(required, minimum = 1, maximum = 64)]
+    #[cfg_attr(test, schema(required, minimum = 1, maximum = 64))]
     threads: Option<u32>,
     /// Whose the job is: the owner of the API key that submitted it; `null` where the server asks for none.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     owner: Option<String>,
     /// Name of the API key that submitted the job; `null` where the server asks for none.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     submitted_by: Option<String>,
     /// Whether other users of the server may read the job and its result.
     shared: bool,
     /// Seed of the random generator.
-    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    #[cfg_attr(test, schema(minimum = 0, maximum = 9_007_199_254_740_991_u64))]
     seed: i64,
     /// Longest time of an attempt.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     timeout_s: Option<f64>,
     /// When the job was accepted (RFC 3339, UTC).
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     created_at: String,
     /// When this attempt started.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     started_at: Option<String>,
     /// When the job ended.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     finished_at: Option<String>,
     /// When the job last changed.
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     updated_at: String,
     /// Past this, the finished job is removed.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     expires_at: Option<String>,
     /// How far the latest attempt is.
-    #[schema(value_type = Option<JobProgress>, required)]
+    #[cfg_attr(test, schema(value_type = Option<crate::jobs::JobProgress>, required))]
     progress: Option<Value>,
     /// Why the job failed.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     error: Option<FailureDocument>,
     /// What came out.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     result: Option<ResultView>,
     /// What a user should know about the packing, one sentence each: what the plan of the request says until there
     /// is a result, then what the result says. Empty where there is nothing.
     warnings: Vec<String>,
     /// What computes, or computed, the result.
-    #[schema(value_type = EngineInfo)]
+    #[cfg_attr(test, schema(value_type = packstone_engine::export::tables::EngineInfo))]
     engine: Value,
     /// Name of the worker process that runs the job, or ran it last (`packstone worker`); `null` where that is the
     /// server itself, or the job waits.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     worker: Option<String>,
     /// The study that the job is part of.
-    #[schema(format = "uuid", required)]
+    #[cfg_attr(test, schema(format = "uuid", required))]
     study_id: Option<String>,
     /// Index of its point in the study, from 0.
-    #[schema(required, minimum = 0)]
+    #[cfg_attr(test, schema(required, minimum = 0))]
     point: Option<u32>,
     /// Index of the job in its point, from 0.
-    #[schema(required, minimum = 0)]
+    #[cfg_attr(test, schema(required, minimum = 0))]
     replicate: Option<u32>,
     /// Addresses of what belongs to it.
     links: Links,
 }
 
 /// A job.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Job {
     #[serde(flatten)]
     summary: JobSummary,
@@ -119,34 +118,36 @@ pub(crate) struct Job {
     /// started.
     exports: Vec<ExportLink>,
     /// The message that is sent when the job ends, for its owner; absent where the job has no `webhook_url`.
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     webhook: Option<WebhookView>,
     /// The request as submitted, with its defaults filled in; in the answer to a submission, and where
     /// `include=request` asks for it.
-    #[schema(value_type = JobRequest, required = false)]
+    #[cfg_attr(test, schema(value_type = crate::jobs::JobRequest, required = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Value>,
 }
 
 /// The result of a job, without its spheres.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = JobResult)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = JobResult))]
 pub(crate) struct ResultView {
     /// Formats in which it can be had.
     formats: Vec<ResultFormat>,
     /// Length of the stored form.
     bytes: u64,
     /// SHA-256 of the stored form, in hexadecimal.
-    #[schema(pattern = "^[0-9a-f]{64}$")]
+    #[cfg_attr(test, schema(pattern = "^[0-9a-f]{64}$"))]
     sha256: String,
     /// The figures people ask for first.
-    #[schema(value_type = Summary)]
+    #[cfg_attr(test, schema(value_type = packstone_engine::packing::Summary))]
     summary: Value,
 }
 
 /// Addresses of what belongs to a job.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Links {
     /// The job itself.
     #[serde(rename = "self")]

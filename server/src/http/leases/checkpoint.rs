@@ -15,19 +15,18 @@ use crate::disk::{Disk, is_full};
 use crate::http::app::App;
 use crate::http::files::send_file;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::{CheckpointProblems, LeaseFileProblems};
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
 /// Get the checkpoint that earlier attempts of the job have left
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "get_checkpoint",
     params(LeasePath),
     responses(
         (status = 200, description = "The checkpoint", content_type = "application/octet-stream"),
-        CheckpointProblems
+        crate::http::problems::sets::CheckpointProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -54,12 +53,12 @@ pub(crate) async fn get(
 /// Leave a checkpoint
 ///
 /// It replaces those of the job before. The lease goes on.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     put, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
     params(LeasePath),
     request_body(content_type = "application/octet-stream", description = "The checkpoint"),
-    responses((status = 204, description = "The checkpoint is kept"), LeaseFileProblems)
-)]
+    responses((status = 204, description = "The checkpoint is kept"), crate::http::problems::sets::LeaseFileProblems)
+))]
 pub(crate) async fn put(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

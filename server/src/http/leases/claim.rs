@@ -16,7 +16,6 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{Claim, Claimed};
@@ -30,16 +29,16 @@ use crate::workers::documents::{BUILD, LeaseDocument, LeaseRequest, LeasesDocume
 ///
 /// For `packstone worker` of the same build, with a key of the role `worker`. With `Prefer: wait=N` the answer is held
 /// back until a job waits. A lease ends by its result, by `/end`, or when it was not renewed for `lease_s`.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases", tag = "workers", operation_id = "lease_jobs",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
     request_body = LeaseRequest,
     responses(
         (status = 200, description = "The jobs", body = LeasesDocument),
         (status = 204, description = "No job waits"),
-        LeaseProblems
+        crate::http::problems::sets::LeaseProblems
     )
-)]
+))]
 pub(crate) async fn lease(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -6,24 +6,23 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 
-use super::{LeaseEnded, LeasePath, note_end, read, recorded, refused, remove_checkpoints, running};
+use super::{LeasePath, note_end, read, recorded, refused, remove_checkpoints, running};
 use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::LeaseEndProblems;
 use crate::problem::Problem;
 use crate::workers::documents::{EndOutcome, EndRequest};
 
 /// End a lease without a result
 ///
 /// The job has failed, was cancelled, or goes back to the queue. A repeated request is answered as the first was.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases/{job}/{attempt}/end", tag = "workers", operation_id = "end_lease",
     params(LeasePath),
     request_body = EndRequest,
-    responses((status = 200, description = "The end is recorded", body = LeaseEnded), LeaseEndProblems)
-)]
+    responses((status = 200, description = "The end is recorded", body = super::LeaseEnded), crate::http::problems::sets::LeaseEndProblems)
+))]
 pub(crate) async fn end(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -17,13 +17,16 @@ use axum::http::request::Parts;
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
+#[cfg(test)]
+use utoipa::IntoParams;
+#[cfg(test)]
 use utoipa::openapi::path::{Parameter, ParameterIn};
-use utoipa::{IntoParams, ToSchema};
 
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::params::paths::{described_path, segments};
-use crate::http::params::values::uuid_schema;
+#[cfg(test)]
+use crate::http::params::described::{described_path, uuid_schema};
+use crate::http::params::paths::segments;
 use crate::ids::JobId;
 use crate::jobs::Lease;
 use crate::jobs::store::{Held, StoreError};
@@ -52,6 +55,7 @@ impl<S: Send + Sync> FromRequestParts<S> for LeasePath {
     }
 }
 
+#[cfg(test)]
 impl IntoParams for LeasePath {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
         use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
@@ -64,7 +68,8 @@ impl IntoParams for LeasePath {
 }
 
 /// That the end of an attempt is recorded.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct LeaseEnded {
     /// Always `recorded`.
     state: &'static str,

@@ -17,7 +17,6 @@ use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::jobs::polled::RECENT;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::LeaseProblems;
 use crate::http::response::set;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::JobId;
@@ -36,12 +35,12 @@ const POLLED_EVERY_S: f64 = 1.0;
 /// All leases of a process in one request, with the progress of the runs. With `Prefer: wait=N` the leases are renewed
 /// at once, and the answer is held back until one of the jobs changes, by a request to cancel for example, or a client
 /// begins to watch one of them or asks for its state.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases/renewals", tag = "workers", operation_id = "renew_leases",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
     request_body = RenewalRequest,
-    responses((status = 200, description = "What became of the leases", body = RenewalsDocument), LeaseProblems)
-)]
+    responses((status = 200, description = "What became of the leases", body = RenewalsDocument), crate::http::problems::sets::LeaseProblems)
+))]
 pub(crate) async fn renew(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

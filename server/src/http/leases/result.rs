@@ -8,7 +8,7 @@ use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
 
 use super::checkpoint::{check_length, of_disk};
-use super::{LeaseEnded, LeasePath, lost, note_end, recorded, refused, remove_checkpoints, running, upload};
+use super::{LeasePath, lost, note_end, recorded, refused, remove_checkpoints, running, upload};
 use crate::accounts::Caller;
 use crate::artifacts::receive::{Expected, ReceiveError};
 use crate::exports::NewExport;
@@ -17,7 +17,6 @@ use crate::http::app::App;
 use crate::http::body::linger;
 use crate::http::params::values::Sha256;
 use crate::http::params::{Query, parameters};
-use crate::http::problems::sets::LeaseFileProblems;
 use crate::jobs::JobRequest;
 use crate::jobs::store::StoreError;
 use crate::problem::{Fault, Problem};
@@ -38,12 +37,12 @@ parameters! {
 ///
 /// The body is the stored form of the packing. The server checks its digest, that it is whole, and that it answers the
 /// request of the job. A repeated request is answered as the first was.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     put, path = "/v1/leases/{job}/{attempt}/result", tag = "workers", operation_id = "put_result",
     params(LeasePath, ResultParameters),
     request_body(content_type = "application/octet-stream", description = "The stored form of the result"),
-    responses((status = 200, description = "The job has succeeded", body = LeaseEnded), LeaseFileProblems)
-)]
+    responses((status = 200, description = "The job has succeeded", body = super::LeaseEnded), crate::http::problems::sets::LeaseFileProblems)
+))]
 pub(crate) async fn put(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -1,7 +1,5 @@
 //! The interface as an OpenAPI document: what the handlers say of themselves, the problems each can
-//! give, and what holds everywhere.
-//!
-//! `packstone openapi` prints it, `openapi.yaml` at the root of the repository equals it.
+//! give, and what holds everywhere. Compiled in tests alone.
 
 use packstone_engine::export::slice::SliceDocument;
 use serde_json::{Map, Value, json};
@@ -9,6 +7,7 @@ use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
 
 use crate::http::problems::sets::problem_response;
+use crate::http::router::Documented;
 use crate::http::{observe, session};
 use crate::jobs::JobRequest;
 use crate::problem::{Kind, ProblemDocument};
@@ -45,15 +44,15 @@ with a `Deprecation` header (RFC 9745) for at least one minor version before.";
 )]
 struct Base;
 
-/// The document without its routes.
-pub(crate) fn base() -> OpenApi {
+/// The document.
+pub(crate) fn document() -> Value {
     let mut document = Base::openapi();
     document.info.description = Some(DESCRIPTION.into());
-    document
+    finished(&document.merge_from(Documented::openapi()))
 }
 
 /// Adds what holds for every route and every request.
-pub(crate) fn finished(document: &OpenApi) -> Value {
+fn finished(document: &OpenApi) -> Value {
     let mut value = serde_json::to_value(document).unwrap_or_default();
     add_everywhere(&mut value);
     add_links(&mut value);

@@ -1,5 +1,6 @@
 //! Values that are one of a few names.
 
+#[cfg(test)]
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::http::params::shown;
@@ -20,6 +21,7 @@ pub(crate) fn names<T: Choice>() -> String {
 }
 
 impl<T: Choice> Value for T {
+    #[cfg(test)]
     fn schema() -> Object {
         let names: Vec<&str> = T::all().iter().map(|choice| choice.name()).collect();
         ObjectBuilder::new().schema_type(Type::String).enum_values(Some(names)).build()

@@ -5,15 +5,15 @@
 //! [`Query`] reads a set strictly: it refuses what the set does not have, and reports every fault at once.
 
 mod choices;
+#[cfg(test)]
+pub(crate) mod described;
 pub(crate) mod paths;
 mod query;
 pub(crate) mod values;
 
 pub(crate) use choices::{Choice, choices, names};
-pub(crate) use paths::{IdPath, JobPath, PlotPath, StudyPath, described_path};
-pub(crate) use query::{
-    NoParameters, ParameterSet, Query, RawQuery, described, described_query, pairs, parameters,
-};
+pub(crate) use paths::{IdPath, JobPath, PlotPath, StudyPath};
+pub(crate) use query::{NoParameters, ParameterSet, Query, RawQuery, pairs, parameters};
 
 /// A value as messages show it.
 pub(crate) fn shown(text: &str) -> String {

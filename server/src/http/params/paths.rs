@@ -2,28 +2,19 @@
 
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
+#[cfg(test)]
 use utoipa::IntoParams;
-use utoipa::openapi::Required;
-use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterIn};
-use utoipa::openapi::schema::Object;
+#[cfg(test)]
+use utoipa::openapi::path::{Parameter as Described, ParameterIn};
 
-use crate::http::params::values::{Value as _, uuid_schema};
+#[cfg(test)]
+use crate::http::params::described::{described_path, uuid_schema};
+use crate::http::params::values::Value as _;
 use crate::http::params::{Choice, names, shown};
 use crate::ids::{JobId, StudyId};
 use crate::plots::job::JobPlot;
 use crate::plots::study::StudyPlot;
 use crate::problem::{Kind, Problem};
-
-/// One parameter of a path in the interface document.
-pub(crate) fn described_path(name: &str, schema: Object, description: &str) -> Described {
-    ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Path)
-        .description(Some(description))
-        .required(Required::True)
-        .schema(Some(schema))
-        .build()
-}
 
 /// The segments of a path that its template leaves open; `None` where they are no text.
 pub(crate) async fn segments<T, S>(parts: &mut Parts, state: &S) -> Option<T>
@@ -37,6 +28,7 @@ where
 /// An ID that a path names.
 pub(crate) trait PathId: Sized + Send {
     /// What the interface document says of it.
+    #[cfg(test)]
     const DESCRIPTION: &'static str;
 
     /// The ID, or that nothing has it.
@@ -47,6 +39,7 @@ pub(crate) trait PathId: Sized + Send {
 }
 
 impl PathId for JobId {
+    #[cfg(test)]
     const DESCRIPTION: &'static str = "ID of the job";
 
     fn of(text: &str) -> Result<Self, Problem> {
@@ -55,6 +48,7 @@ impl PathId for JobId {
 }
 
 impl PathId for StudyId {
+    #[cfg(test)]
     const DESCRIPTION: &'static str = "ID of the study";
 
     fn of(text: &str) -> Result<Self, Problem> {
@@ -82,6 +76,7 @@ impl<I: PathId, S: Send + Sync> FromRequestParts<S> for IdPath<I> {
     }
 }
 
+#[cfg(test)]
 impl<I: PathId> IntoParams for IdPath<I> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![described_path("id", uuid_schema(), I::DESCRIPTION)]
@@ -143,6 +138,7 @@ impl<K: PlotKind, S: Send + Sync> FromRequestParts<S> for PlotPath<K> {
     }
 }
 
+#[cfg(test)]
 impl<K: PlotKind> IntoParams for PlotPath<K> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![

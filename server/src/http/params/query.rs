@@ -4,8 +4,8 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use packstone_engine::FieldError;
 use packstone_engine::request::decode::MAX_FAULTS;
-use utoipa::openapi::Required;
-use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterIn};
+#[cfg(test)]
+use utoipa::openapi::path::Parameter as Described;
 
 use crate::http::params::values::Parameter;
 use crate::problem::{Fault, Problem};
@@ -13,6 +13,7 @@ use crate::problem::{Fault, Problem};
 /// A set of query parameters, which several routes may share.
 pub(crate) trait ParameterSet: Sized {
     /// Adds what the interface document says of each.
+    #[cfg(test)]
     fn describe(described: &mut Vec<Described>);
 
     /// Reads them all. `None` where any is faulty; the faults are noted in `query`.
@@ -46,8 +47,9 @@ macro_rules! parameters {
         }
 
         impl $crate::http::params::ParameterSet for $name {
+            #[cfg(test)]
             fn describe(described: &mut Vec<utoipa::openapi::path::Parameter>) {
-                $(described.push($crate::http::params::described::<$type>(
+                $(described.push($crate::http::params::described::described::<$type>(
                     stringify!($field),
                     &[$($doc),+],
                 ));)*
@@ -71,43 +73,18 @@ macro_rules! parameters {
             }
         }
 
-        $crate::http::params::described_query!($name);
+        #[cfg(test)]
+        $crate::http::params::described::described_query!($name);
     };
 }
 pub(crate) use parameters;
-
-/// Lets `utoipa::path` name a set among its `params`.
-macro_rules! described_query {
-    ($name:ty) => {
-        impl utoipa::IntoParams for $name {
-            fn into_params(
-                _: impl Fn() -> Option<utoipa::openapi::path::ParameterIn>,
-            ) -> Vec<utoipa::openapi::path::Parameter> {
-                let mut described = Vec::new();
-                <Self as $crate::http::params::ParameterSet>::describe(&mut described);
-                described
-            }
-        }
-    };
-}
-pub(crate) use described_query;
-
-/// One query parameter in the interface document; `doc` are the lines of its comment.
-pub(crate) fn described<T: Parameter>(name: &str, doc: &[&str]) -> Described {
-    let lines: Vec<&str> = doc.iter().map(|line| line.trim()).collect();
-    let parameter = ParameterBuilder::new()
-        .name(name)
-        .parameter_in(ParameterIn::Query)
-        .description(Some(lines.join(" ")))
-        .required(Required::False);
-    T::describe(parameter).build()
-}
 
 /// The parameters of a route that has none.
 #[derive(Debug)]
 pub(crate) struct NoParameters;
 
 impl ParameterSet for NoParameters {
+    #[cfg(test)]
     fn describe(_: &mut Vec<Described>) {}
 
     fn read(_: &mut RawQuery) -> Option<Self> {

@@ -1,10 +1,15 @@
 //! Types of query parameters: what the interface document says of each, how it is read, and how it is written.
 
 use jiff::Timestamp;
+#[cfg(test)]
 use utoipa::openapi::Required;
+#[cfg(test)]
 use utoipa::openapi::path::{ParameterBuilder, ParameterStyle};
-use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, Object, ObjectBuilder, Schema, SchemaFormat, Type};
+#[cfg(test)]
+use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, Object, ObjectBuilder, SchemaFormat, Type};
 
+#[cfg(test)]
+use crate::http::params::described::{uuid_schema, with_default};
 use crate::http::params::{Choice, shown};
 use crate::ids::StudyId;
 use crate::jobs;
@@ -13,6 +18,7 @@ use crate::jobs::request::MAX_LABELS;
 /// What one text of a query means.
 pub(crate) trait Value: Sized {
     /// The texts that there are.
+    #[cfg(test)]
     fn schema() -> Object;
 
     /// Reads the text.
@@ -28,6 +34,7 @@ pub(crate) trait Value: Sized {
 /// What all texts of one name in a query mean, or their absence.
 pub(crate) trait Parameter: Sized {
     /// Adds the schema, and how it is written where that is not the plain way.
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder;
 
     /// Reads the texts; `None` where they are faulty, which `fault` is told.
@@ -39,6 +46,7 @@ pub(crate) trait Parameter: Sized {
 
 /// A value that may be absent.
 impl<T: Value> Parameter for Option<T> {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         parameter.schema(Some(T::schema()))
     }
@@ -65,6 +73,7 @@ impl<T: Value> Parameter for Option<T> {
 pub(crate) struct Sha256(pub(crate) String);
 
 impl Value for Sha256 {
+    #[cfg(test)]
     fn schema() -> Object {
         ObjectBuilder::new().schema_type(Type::String).pattern(Some("^[0-9a-f]{64}$")).build()
     }
@@ -83,6 +92,7 @@ impl Value for Sha256 {
 }
 
 impl Parameter for Sha256 {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         parameter.schema(Some(<Self as Value>::schema())).required(Required::True)
     }
@@ -105,17 +115,12 @@ fn read_or<T: Value>(texts: Vec<String>, fault: &mut dyn FnMut(String), default:
     <Option<T> as Parameter>::read(texts, fault).map(|given| given.unwrap_or(default))
 }
 
-fn with_default<T: Value>(default: impl Into<serde_json::Value>) -> Schema {
-    let mut schema = T::schema();
-    schema.default = Some(default.into());
-    Schema::Object(schema)
-}
-
 /// A choice that is the default of its type where it is absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct OrDefault<T>(pub(crate) T);
 
 impl<T: Choice + Default> Parameter for OrDefault<T> {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         parameter.schema(Some(with_default::<T>(T::default().name())))
     }
@@ -141,6 +146,7 @@ impl<const MIN: u32, const MAX: u32, const DEFAULT: u32> WholeNumber<MIN, MAX, D
 }
 
 impl<const MIN: u32, const MAX: u32, const DEFAULT: u32> Value for WholeNumber<MIN, MAX, DEFAULT> {
+    #[cfg(test)]
     fn schema() -> Object {
         ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(MIN)).maximum(Some(MAX)).build()
     }
@@ -158,6 +164,7 @@ impl<const MIN: u32, const MAX: u32, const DEFAULT: u32> Value for WholeNumber<M
 }
 
 impl<const MIN: u32, const MAX: u32, const DEFAULT: u32> Parameter for WholeNumber<MIN, MAX, DEFAULT> {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         parameter.schema(Some(with_default::<Self>(DEFAULT)))
     }
@@ -172,6 +179,7 @@ impl<const MIN: u32, const MAX: u32, const DEFAULT: u32> Parameter for WholeNumb
 }
 
 impl Value for bool {
+    #[cfg(test)]
     fn schema() -> Object {
         ObjectBuilder::new().schema_type(Type::Boolean).build()
     }
@@ -201,6 +209,7 @@ impl<const DEFAULT: bool> Flag<DEFAULT> {
 }
 
 impl<const DEFAULT: bool> Parameter for Flag<DEFAULT> {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         parameter.schema(Some(with_default::<bool>(DEFAULT)))
     }
@@ -219,6 +228,7 @@ impl<const DEFAULT: bool> Parameter for Flag<DEFAULT> {
 pub(crate) struct Text<const MIN: usize, const MAX: usize>(pub(crate) String);
 
 impl<const MIN: usize, const MAX: usize> Value for Text<MIN, MAX> {
+    #[cfg(test)]
     fn schema() -> Object {
         let text = ObjectBuilder::new().schema_type(Type::String);
         text.min_length(Some(MIN)).max_length(Some(MAX)).build()
@@ -243,6 +253,7 @@ impl<const MIN: usize, const MAX: usize> Value for Text<MIN, MAX> {
 pub(crate) struct Time(pub(crate) i64);
 
 impl Value for Time {
+    #[cfg(test)]
     fn schema() -> Object {
         let format = SchemaFormat::KnownFormat(KnownFormat::DateTime);
         ObjectBuilder::new().schema_type(Type::String).format(Some(format)).build()
@@ -258,13 +269,8 @@ impl Value for Time {
     }
 }
 
-/// The form of the ids of jobs and studies.
-pub(crate) fn uuid_schema() -> Object {
-    let format = SchemaFormat::Custom("uuid".to_owned());
-    ObjectBuilder::new().schema_type(Type::String).format(Some(format)).build()
-}
-
 impl Value for StudyId {
+    #[cfg(test)]
     fn schema() -> Object {
         uuid_schema()
     }
@@ -289,6 +295,7 @@ pub(crate) enum Named<T> {
 }
 
 impl<T: Choice> Value for Named<T> {
+    #[cfg(test)]
     fn schema() -> Object {
         <T as Value>::schema()
     }
@@ -310,6 +317,7 @@ impl<T: Choice> Value for Named<T> {
 pub(crate) struct Labels(pub(crate) Vec<(String, String)>);
 
 impl Parameter for Labels {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         let label = ObjectBuilder::new().schema_type(Type::String).pattern(Some("^[^=]+=")).build();
         let labels = ArrayBuilder::new().items(label).max_items(Some(MAX_LABELS)).build();
@@ -350,6 +358,7 @@ impl RetriedStates {
 }
 
 impl Parameter for RetriedStates {
+    #[cfg(test)]
     fn describe(parameter: ParameterBuilder) -> ParameterBuilder {
         let names = Self::all().map(jobs::State::name);
         let state = ObjectBuilder::new().schema_type(Type::String).enum_values(Some(names));

@@ -4,6 +4,7 @@
 //! formats, which together decide every byte. Lengths were counted when the job ended, so that an
 //! answer can say its length before its first byte is made.
 
+#[cfg(test)]
 mod document;
 
 use std::io;
@@ -13,12 +14,10 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
-use packstone_engine::export::tables::{self, EngineInfo, Format};
-use packstone_engine::packing::Report;
+use packstone_engine::export::tables::{self, Format};
 use serde::Serialize;
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
-use utoipa::ToSchema;
 
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
@@ -30,9 +29,7 @@ use crate::http::files::{self, Coding, Described};
 use crate::http::negotiation;
 use crate::http::params::values::Named;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, parameters};
-use crate::http::problems::sets::{ResultProblems, SummaryProblems};
 use crate::http::problems::{of_fault, refused};
-use crate::http::results::document::ResultDocument;
 use crate::jobs::store::{Fault, StoreError};
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State as JobState};
 use crate::page;
@@ -40,28 +37,29 @@ use crate::problem::{FailureDocument, Kind, Problem};
 use crate::tasks;
 
 /// A result without its request and its spheres.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ResultSummary {
     /// ID of the job.
-    #[schema(format = "uuid")]
+    #[cfg_attr(test, schema(format = "uuid"))]
     job_id: String,
     /// What computed the result.
-    #[schema(value_type = EngineInfo)]
+    #[cfg_attr(test, schema(value_type = tables::EngineInfo))]
     engine: Value,
     /// What is known about the packing.
     #[serde(flatten)]
-    #[schema(value_type = Report)]
+    #[cfg_attr(test, schema(value_type = packstone_engine::packing::Report))]
     report: Map<String, Value>,
 }
 
 /// Get a result without its spheres
 ///
 /// The figures of the result. The request is at `/v1/jobs/{id}/request`.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/result/summary", tag = "results", operation_id = "get_result_summary",
     params(JobPath),
-    responses((status = 200, description = "The result without its spheres", body = ResultSummary), SummaryProblems)
-)]
+    responses((status = 200, description = "The result without its spheres", body = ResultSummary), crate::http::problems::sets::SummaryProblems)
+))]
 pub(crate) async fn summary(
     State(app): State<App>,
     IdPath(id): JobPath,
@@ -89,7 +87,7 @@ parameters! {
 /// sphere, largest first, so that any prefix of it is a picture. `html` is one file with a viewer and at most a million
 /// grains, the largest, to look at without the server. Meshes, voxel models, slices and lattice models are exports, at
 /// `/v1/jobs/{id}/exports/{type}`.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/result", tag = "results", operation_id = "get_result",
     params(
         JobPath,
@@ -102,7 +100,7 @@ parameters! {
     responses(
         (status = 200, description = "The result",
             content(
-                (ResultDocument = "application/json"),
+                (document::ResultDocument = "application/json"),
                 (String = "text/csv"),
                 (Vec<u8> = "application/vnd.vtk.legacy"),
                 (Vec<u8> = "application/vnd.vtk.polydata+xml"),
@@ -125,9 +123,9 @@ parameters! {
             ),
             headers(("Content-Range" = String, description = "Which part, and of how much"))),
         (status = 304, description = "The result is as known"),
-        ResultProblems
+        crate::http::problems::sets::ResultProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     IdPath(id): JobPath,

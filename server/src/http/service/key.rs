@@ -4,32 +4,31 @@ use axum::Extension;
 use axum::extract::State;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::accounts::{Caller, Quotas, Role};
 use crate::http::app::App;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::OpenProblems;
 use crate::http::response::named;
 use crate::jobs::store::Usage;
 use crate::problem::Problem;
 
 /// The API key of a request.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct KeyInfo {
     /// Name of the key; `null` where the server asks for none.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     name: Option<String>,
     /// Whose jobs and studies the key is for; `null` where the server asks for no key.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     owner: Option<String>,
     /// What the key may do; `admin` where the server asks for no key.
     role: Role,
     /// Most requests of the key in a second, on average; `null` where there is no bound.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     max_requests_per_second: Option<f64>,
     /// Most requests of the key at once; `null` where there is no bound.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     request_burst: Option<u32>,
     /// What the jobs of the owner may take.
     quotas: Quotas,
@@ -38,7 +37,8 @@ pub(crate) struct KeyInfo {
 }
 
 /// What the jobs of an owner take.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct KeyUsage {
     /// Jobs that wait.
     queued: u64,
@@ -49,10 +49,10 @@ pub(crate) struct KeyUsage {
 }
 
 /// What the key of this request may do
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/key", tag = "service", operation_id = "get_key",
-    responses((status = 200, description = "The key", body = KeyInfo), OpenProblems)
-)]
+    responses((status = 200, description = "The key", body = KeyInfo), crate::http::problems::sets::OpenProblems)
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -11,7 +11,6 @@ use packstone_engine::request::presets::ShapePreset;
 use packstone_engine::request::standard;
 use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, StandardCurve};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::exports;
 use crate::formats::ResultFormat;
@@ -19,7 +18,6 @@ use crate::http::app::App;
 use crate::http::conditional::MAX_WAIT_S;
 use crate::http::exports::media::media_type;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::{OpenProblems, ReadyProblems};
 use crate::jobs::request;
 use crate::jobs::store::StoredKind;
 use crate::metrics::Gauges;
@@ -28,7 +26,8 @@ use crate::studies;
 use crate::tasks;
 
 /// What this server can do, and how much of it.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Capabilities {
     /// Version of the service.
     version: &'static str,
@@ -59,7 +58,8 @@ pub(crate) struct Capabilities {
 }
 
 /// A standard grading curve.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Curve {
     /// Its name.
     name: &'static str,
@@ -68,7 +68,8 @@ pub(crate) struct Curve {
 }
 
 /// A shape of grains that a name stands for.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct PresetInfo {
     /// Its name.
     name: &'static str,
@@ -77,7 +78,7 @@ pub(crate) struct PresetInfo {
     /// The publication that it is from.
     source: &'static str,
     /// DOI of the publication, where it has one.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     doi: Option<&'static str>,
     /// The shape, as requests and results have it.
     shape: PlainShape,
@@ -91,7 +92,8 @@ impl PresetInfo {
 }
 
 /// A format of results.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct FormatInfo {
     /// Its name in `?format=`.
     name: ResultFormat,
@@ -100,7 +102,8 @@ pub(crate) struct FormatInfo {
 }
 
 /// A type of exports.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ExportInfo {
     /// Its name in addresses and in `postprocess`.
     r#type: ExportType,
@@ -109,7 +112,8 @@ pub(crate) struct ExportInfo {
 }
 
 /// A file format of an export.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct ExportFormatInfo {
     /// Its name in `?format=`.
     name: &'static str,
@@ -131,7 +135,8 @@ impl ExportInfo {
 }
 
 /// Bounds of this server.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct LimitsInfo {
     /// Most grains of a packing.
     max_grains: u64,
@@ -178,10 +183,10 @@ pub(crate) struct LimitsInfo {
 }
 
 /// What this server can do
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/capabilities", tag = "service", operation_id = "get_capabilities",
-    responses((status = 200, description = "What this server can do", body = Capabilities), OpenProblems)
-)]
+    responses((status = 200, description = "What this server can do", body = Capabilities), crate::http::problems::sets::OpenProblems)
+))]
 pub(crate) async fn capabilities(
     State(app): State<App>,
     _: Query<NoParameters>,
@@ -234,7 +239,8 @@ pub(crate) async fn capabilities(
 }
 
 /// How the service is.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Health {
     /// `ok`.
     status: &'static str,
@@ -243,10 +249,10 @@ pub(crate) struct Health {
 /// Whether the process works
 ///
 /// It fails only where the database cannot be opened any more, so that a restart is the only help.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "get_health",
-    responses((status = 200, description = "It works", body = Health), ReadyProblems)
-)]
+    responses((status = 200, description = "It works", body = Health), crate::http::problems::sets::ReadyProblems)
+))]
 pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> {
     if app.shared.store.is_lost() {
         let detail = "the database cannot be opened any more; the server has to be restarted";
@@ -259,10 +265,10 @@ pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> 
 ///
 /// False while it starts or stops, and while it cannot write to its data directory: while less space is free than must
 /// stay free, and after a write failed on a full disk until a write succeeds.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "get_readiness",
-    responses((status = 200, description = "It takes jobs", body = Health), ReadyProblems)
-)]
+    responses((status = 200, description = "It takes jobs", body = Health), crate::http::problems::sets::ReadyProblems)
+))]
 pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     let not_ready = |why: &str| Problem::new(Kind::NotReady, why).with_header("retry-after", "1");
     if !app.is_ready() {
@@ -299,10 +305,10 @@ async fn newest_checkpoint(app: &App) -> Option<f64> {
 }
 
 /// Counters in the text form of Prometheus
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/metrics", tag = "service", operation_id = "get_metrics",
-    responses((status = 200, description = "The counters", body = String, content_type = "text/plain"), OpenProblems)
-)]
+    responses((status = 200, description = "The counters", body = String, content_type = "text/plain"), crate::http::problems::sets::OpenProblems)
+))]
 pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let shared = &app.shared;
     let export = shared.store.export_counts().await?;

@@ -14,13 +14,11 @@ use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
 use packstone_engine::request::decode::{At, Faults};
-use utoipa::ToSchema;
 
 use crate::accounts::{ApiKeys, Caller, Submitter, digest};
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::params::{NoParameters, Query};
-use crate::http::problems::sets::{OpenProblems, SessionProblems};
 use crate::http::response::set;
 use crate::http::{auth, body, observe};
 use crate::problem::{Kind, Problem};
@@ -37,7 +35,7 @@ pub(crate) const ROUTE: &str = "/session";
 pub(crate) struct Begun(pub(crate) Submitter);
 
 /// The request of a session.
-#[derive(ToSchema)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[expect(dead_code, reason = "it is read by hand, so that its faults have places")]
 pub(crate) struct SessionRequest {
     /// The API key.
@@ -57,15 +55,15 @@ pub(crate) fn caller(sessions: &Sessions, keys: &ApiKeys, method: &Method, heade
 /// its key, by `DELETE /session`, and when the server is started again. Requests that may change something are taken by
 /// the cookie from pages of this server only (`Sec-Fetch-Site: same-origin`, or `Origin`), others are refused with 403.
 /// Where the server asks for no key there is nothing to exchange, and no cookie is set.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/session", tag = "service", operation_id = "begin_session",
     request_body = SessionRequest,
     responses(
         (status = 204, description = "The session has begun",
             headers(("Set-Cookie" = String, description = "The cookie `packstone_session`"))),
-        SessionProblems
+        crate::http::problems::sets::SessionProblems
     )
-)]
+))]
 pub(crate) async fn begin(
     State(app): State<App>,
     _: Query<NoParameters>,
@@ -88,14 +86,14 @@ pub(crate) async fn begin(
 /// End a session
 ///
 /// The cookie is of no use any more, and the browser is told to forget it. It is no fault if there is no session.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     delete, path = "/session", tag = "service", operation_id = "end_session",
     responses(
         (status = 204, description = "There is no session",
             headers(("Set-Cookie" = String, description = "The cookie `packstone_session`, which is over"))),
-        OpenProblems
+        crate::http::problems::sets::OpenProblems
     )
-)]
+))]
 pub(crate) async fn end(
     State(app): State<App>,
     Extension(_): Extension<Caller>,

@@ -13,8 +13,7 @@ use crate::http::conditional::target;
 use crate::http::params::values::RetriedStates;
 use crate::http::params::{IdPath, NoParameters, Query, StudyPath, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::{ActionProblems, StudyRetryProblems};
-use crate::http::studies::view::{self, Study};
+use crate::http::studies::view;
 use crate::jobs::store::StudyState;
 use crate::problem::Problem;
 use crate::tasks;
@@ -22,18 +21,18 @@ use crate::tasks;
 /// Cancel a study
 ///
 /// Waiting jobs are cancelled at once; running ones are asked to stop, and do within two seconds.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/studies/{id}/cancel", tag = "studies", operation_id = "cancel_study",
     params(
         StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
     ),
     responses(
-        (status = 200, description = "The study is finished", body = Study),
-        (status = 202, description = "Its last jobs were asked to stop", body = Study),
-        ActionProblems
+        (status = 200, description = "The study is finished", body = view::Study),
+        (status = 202, description = "Its last jobs were asked to stop", body = view::Study),
+        crate::http::problems::sets::ActionProblems
     )
-)]
+))]
 pub(crate) async fn cancel(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -64,15 +63,15 @@ parameters! {
 ///
 /// Its failed jobs, with `state=failed,cancelled` the cancelled ones too, go back to the queue as their next attempts,
 /// with their attempts renewed; their earlier runs leave the table. Where there are none, the study stays as it is.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/studies/{id}/retry", tag = "studies", operation_id = "retry_study",
     params(
         StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
         RetryParameters,
     ),
-    responses((status = 200, description = "The study, whose jobs wait again", body = Study), StudyRetryProblems)
-)]
+    responses((status = 200, description = "The study, whose jobs wait again", body = view::Study), crate::http::problems::sets::StudyRetryProblems)
+))]
 pub(crate) async fn retry(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
@@ -96,14 +95,14 @@ pub(crate) async fn retry(
 /// Delete a finished study with its jobs and their results
 ///
 /// The answer does not wait until the files of ten thousand results have left the disk.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     delete, path = "/v1/studies/{id}", tag = "studies", operation_id = "delete_study",
     params(
         StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
     ),
-    responses((status = 204, description = "The study and its jobs are gone"), ActionProblems)
-)]
+    responses((status = 204, description = "The study and its jobs are gone"), crate::http::problems::sets::ActionProblems)
+))]
 pub(crate) async fn delete(
     State(app): State<App>,
     IdPath(id): StudyPath,

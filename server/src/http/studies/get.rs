@@ -11,8 +11,7 @@ use crate::http::conditional::Wait;
 use crate::http::jobs::get::IncludeParameters;
 use crate::http::params::{IdPath, Query, StudyPath};
 use crate::http::problems::refused;
-use crate::http::problems::sets::StudyProblems;
-use crate::http::studies::view::{self, Study as StudyView};
+use crate::http::studies::view;
 use crate::http::waiting::{self, Asked};
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyRecord};
@@ -23,7 +22,7 @@ use crate::problem::Problem;
 /// With `Prefer: wait=N` the answer is held back for at most N s: until the study differs from
 /// `If-None-Match` (304 if it never does), or without that field until the study is finished. The request, which may be
 /// long, is left out unless `include=request` asks for it.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies/{id}", tag = "studies", operation_id = "get_study",
     params(
         StudyPath,
@@ -32,12 +31,12 @@ use crate::problem::Problem;
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
     responses(
-        (status = 200, description = "The study", body = StudyView,
+        (status = 200, description = "The study", body = view::Study,
             headers(("ETag" = String, description = "Tag of the study"))),
         (status = 304, description = "The study is as known"),
-        StudyProblems
+        crate::http::problems::sets::StudyProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -5,26 +5,25 @@ use axum::extract::State;
 use axum::http::header;
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::pages::{self, PageParameters};
 use crate::http::params::values::Labels;
 use crate::http::params::{Query, choices, parameters};
-use crate::http::problems::sets::ListProblems;
 use crate::http::response::set;
 use crate::http::studies::view::StudySummary;
 use crate::jobs::store::{StudyFilter, StudyState};
 use crate::problem::Problem;
 
 /// A page of studies.
-#[derive(Serialize, ToSchema)]
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct StudyPage {
     /// The studies, newest first, without their requests.
     items: Vec<StudySummary>,
     /// Where the next page starts; `null` on the last.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
 }
 
@@ -48,15 +47,15 @@ parameters! {
 ///
 /// Newest first. Items are studies without their `request`. A key with the role `admin` sees all studies, any other key
 /// those of its owner and those that are shared.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies", tag = "studies", operation_id = "list_studies",
     params(StudyListParameters),
     responses(
         (status = 200, description = "A page", body = StudyPage,
             headers(("Link" = Option<String>, description = "`rel=\"next\"`: the next page, if there is one"))),
-        ListProblems
+        crate::http::problems::sets::ListProblems
     )
-)]
+))]
 pub(crate) async fn list(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -8,7 +8,6 @@ use axum::response::Response;
 use packstone_engine::FieldError;
 use packstone_engine::request::decode::{At, Faults};
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::failure::Failure;
@@ -17,24 +16,23 @@ use crate::http::body;
 use crate::http::conditional::target;
 use crate::http::params::{IdPath, NoParameters, Query, StudyPath};
 use crate::http::problems::refused;
-use crate::http::problems::sets::StudyPatchProblems;
-use crate::http::studies::view::{self, Study};
+use crate::http::studies::view;
 use crate::http::webhooks;
 use crate::jobs::request::{Change, read_webhook_change};
-use crate::jobs::schema;
 use crate::problem::Problem;
 use crate::strict_json;
 use crate::webhooks::WebhookUrl;
 
 /// Changes of a study, as a JSON merge patch (RFC 7396).
-#[derive(Clone, Debug, Default, PartialEq, Eq, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct StudyPatch {
     /// Whether other users of the server may read the study with all its jobs; `null` stands for `false`.
-    #[schema(required = false, nullable)]
+    #[cfg_attr(test, schema(required = false, nullable))]
     shared: Option<bool>,
     /// The new URL to which a signed message is sent when the study is finished; `null` removes it. A message that is
     /// recorded already goes to the URL of before.
-    #[schema(required = false, schema_with = schema::webhook_url)]
+    #[cfg_attr(test, schema(required = false, schema_with = crate::jobs::schema::webhook_url))]
     webhook_url: Change<WebhookUrl>,
 }
 
@@ -58,7 +56,7 @@ impl StudyPatch {
 ///
 /// A JSON merge patch (RFC 7396). `shared` counts for all jobs of the study. A changed `webhook_url` counts for the
 /// next time that the study is finished; `null` removes it.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     patch, path = "/v1/studies/{id}", tag = "studies", operation_id = "patch_study",
     params(
         StudyPath,
@@ -67,11 +65,11 @@ impl StudyPatch {
     ),
     request_body(content = StudyPatch, content_type = "application/merge-patch+json"),
     responses(
-        (status = 200, description = "The study after the change", body = Study,
+        (status = 200, description = "The study after the change", body = view::Study,
             headers(("ETag" = String, description = "Tag of the study"))),
-        StudyPatchProblems
+        crate::http::problems::sets::StudyPatchProblems
     )
-)]
+))]
 pub(crate) async fn patch(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use serde_json::json;
+#[cfg(test)]
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use crate::http::app::App;
@@ -16,7 +16,6 @@ use crate::http::drawing::{PlotOptions, not_drawn, not_modified, not_ready, svg,
 use crate::http::params::values::Value;
 use crate::http::params::{PlotPath, Query, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::StudyPlotProblems;
 use crate::http::results::blocking;
 use crate::jobs::store::StoreError;
 use crate::plots::draw;
@@ -42,8 +41,9 @@ parameters! {
 pub(crate) struct Abscissa(String);
 
 impl Value for Abscissa {
+    #[cfg(test)]
     fn schema() -> Object {
-        let examples = [json!("/mix/volume_fraction"), json!(study_plots::GRAINS)];
+        let examples = ["/mix/volume_fraction", study_plots::GRAINS].map(serde_json::Value::from);
         ObjectBuilder::new().schema_type(Type::String).examples(examples).build()
     }
 
@@ -63,7 +63,7 @@ impl Value for Abscissa {
 /// `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
 /// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no
 /// run has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(
         PlotPath<StudyPlot>,
@@ -74,9 +74,9 @@ impl Value for Abscissa {
         (status = 200, description = "The plot", content((String = "image/svg+xml")),
             headers(("ETag" = String, description = "Tag of the plot"))),
         (status = 304, description = "The plot is as known"),
-        StudyPlotProblems
+        crate::http::problems::sets::StudyPlotProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     PlotPath { id, kind }: PlotPath<StudyPlot>,

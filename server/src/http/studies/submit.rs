@@ -17,11 +17,10 @@ use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
-use crate::http::problems::sets::SubmitProblems;
 use crate::http::response::set;
 use crate::http::storage::check_room;
 use crate::http::studies::get::wait_until;
-use crate::http::studies::view::{self, Study as StudyView};
+use crate::http::studies::view;
 use crate::http::submission::{content_sha256, idempotency_key, read_apart};
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::http::webhooks;
@@ -44,7 +43,7 @@ use crate::studies::Study;
 /// pointer, `=` and its value as compact JSON, and last `r` (without an end of line). For a list the job's index stands
 /// for the columns, and a job that names its own seed keeps it while `replicates` is 1. So points that differ in their
 /// method pack the same grains, and a study that is refined keeps the packings it had.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     post, path = "/v1/studies", tag = "studies", operation_id = "submit_study",
     params(
         ("Idempotency-Key" = Option<String>, Header, pattern = "^[!-~]{1,255}$", description = "1 to 255 visible ASCII characters. The same key and body give the same study, however often they are sent; the key lives as long as its study. Keys of jobs are others"),
@@ -52,12 +51,12 @@ use crate::studies::Study;
     ),
     request_body(content = Study, content_type = "application/json"),
     responses(
-        (status = 201, description = "The study was accepted; or, after a wait, it is finished", body = StudyView,
+        (status = 201, description = "The study was accepted; or, after a wait, it is finished", body = view::Study,
             headers(("Location" = String, description = "Path of the study"), ("ETag" = String, description = "Tag of the study"))),
-        (status = 200, description = "The study that the same Idempotency-Key brought before", body = StudyView),
-        SubmitProblems
+        (status = 200, description = "The study that the same Idempotency-Key brought before", body = view::Study),
+        crate::http::problems::sets::SubmitProblems
     )
-)]
+))]
 pub(crate) async fn submit(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,

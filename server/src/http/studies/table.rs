@@ -10,11 +10,9 @@ use crate::http::negotiation::{self, TableFormat};
 use crate::http::params::values::Named;
 use crate::http::params::{Choice as _, IdPath, Query, StudyPath, parameters};
 use crate::http::problems::refused;
-use crate::http::problems::sets::TableProblems;
 use crate::http::response::set;
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
-use crate::studies::table::Table;
 
 parameters! {
     /// How a table is wanted.
@@ -29,7 +27,7 @@ parameters! {
 ///
 /// One row per point, in the order of the study: the values of its columns (for a list the job's index and name), then
 /// what its runs came to so far. The CSV has the same columns under one header line.
-#[utoipa::path(
+#[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies/{id}/table", tag = "studies", operation_id = "get_study_table",
     params(
         StudyPath,
@@ -38,11 +36,11 @@ parameters! {
     ),
     responses(
         (status = 200, description = "The table", headers(("ETag" = String, description = "Tag of the table")),
-            content((Table = "application/json"), (String = "text/csv"))),
+            content((crate::studies::table::Table = "application/json"), (String = "text/csv"))),
         (status = 304, description = "The table is as known"),
-        TableProblems
+        crate::http::problems::sets::TableProblems
     )
-)]
+))]
 pub(crate) async fn get(
     State(app): State<App>,
     IdPath(id): StudyPath,

@@ -6,7 +6,6 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 use serde_json::Value;
-use utoipa::ToSchema;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
@@ -16,53 +15,54 @@ use crate::http::webhooks::WebhookView;
 use crate::ids::StudyId;
 use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
 use crate::plots::study::StudyPlot;
-use crate::studies::{self, StopWhen};
+use crate::studies::StopWhen;
 
 /// Points of a study whose warnings are shown.
 const MAX_WARNED_POINTS: u32 = 100;
 
 /// A study without its request, as listings show it.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct StudySummary {
     /// ID of the study (UUIDv7).
-    #[schema(format = "uuid")]
+    #[cfg_attr(test, schema(format = "uuid"))]
     id: String,
     /// A name for people.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     name: Option<String>,
     /// Keys and values to find the study by.
     labels: BTreeMap<String, String>,
     /// Whose the study is: the owner of the API key that submitted it; `null` where the server asks for none.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     owner: Option<String>,
     /// Name of the API key that submitted the study; `null` where the server asks for none.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     submitted_by: Option<String>,
     /// Whether other users of the server may read the study with its jobs.
     shared: bool,
     /// What the seeds of its jobs derive from.
-    #[schema(minimum = 0, maximum = 9_007_199_254_740_991_u64)]
+    #[cfg_attr(test, schema(minimum = 0, maximum = 9_007_199_254_740_991_u64))]
     seed: i64,
     /// When the study was accepted (RFC 3339, UTC).
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     created_at: String,
     /// When its last job ended; `null` while any is left to run.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     finished_at: Option<String>,
     /// When one of its jobs last moved.
-    #[schema(format = DateTime)]
+    #[cfg_attr(test, schema(format = DateTime))]
     updated_at: String,
     /// Past this, the finished study is removed with its jobs: the latest `expires_at` of these, if all have one.
-    #[schema(format = DateTime, required)]
+    #[cfg_attr(test, schema(format = DateTime, required))]
     expires_at: Option<String>,
     /// Mixes and methods.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     points: u32,
     /// Jobs of every point.
-    #[schema(minimum = 1)]
+    #[cfg_attr(test, schema(minimum = 1))]
     replicates: u32,
     /// Jobs in all: `points` times `replicates`.
-    #[schema(minimum = 1, maximum = 10_000)]
+    #[cfg_attr(test, schema(minimum = 1, maximum = 10_000))]
     jobs: u64,
     /// How many jobs are in each state. A job that is deleted stays counted.
     counts: CountsView,
@@ -77,16 +77,17 @@ pub(crate) struct StudySummary {
 }
 
 /// A study.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct Study {
     #[serde(flatten)]
     summary: StudySummary,
     /// The request as submitted, with its seed; in the answer to a submission, and where `include=request` asks for it.
-    #[schema(value_type = studies::Study, required = false)]
+    #[cfg_attr(test, schema(value_type = crate::studies::Study, required = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<Value>,
     /// The message that is sent when the study is finished, for its owner; absent where the study has no `webhook_url`.
-    #[schema(required = false, nullable = false)]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     webhook: Option<WebhookView>,
     /// What is likely to go wrong, by the plans of its points, once for each; at most 100 points.
@@ -94,7 +95,8 @@ pub(crate) struct Study {
 }
 
 /// Warnings of a point of a study.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct PointWarnings {
     /// Number of the point, from 0, in the order of the request.
     point: u32,
@@ -103,8 +105,9 @@ pub(crate) struct PointWarnings {
 }
 
 /// Jobs by state.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = StudyCounts)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = StudyCounts))]
 pub(crate) struct CountsView {
     queued: u64,
     /// Up to two for each worker: while it stores the result of one job, it packs the next.
@@ -115,10 +118,11 @@ pub(crate) struct CountsView {
 }
 
 /// How far a study is.
-#[derive(Debug, Serialize, ToSchema)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct StudyProgress {
     /// Share of the jobs that are finished, in whatever way.
-    #[schema(minimum = 0, maximum = 1)]
+    #[cfg_attr(test, schema(minimum = 0, maximum = 1))]
     fraction: f64,
     /// Finished jobs.
     done: u64,
@@ -126,13 +130,14 @@ pub(crate) struct StudyProgress {
     total: u64,
     /// Seconds that the rest is likely to take if the study has all workers for itself, as of `updated_at`: as long
     /// as the runs so far took on average. `null` while nothing can be said.
-    #[schema(required)]
+    #[cfg_attr(test, schema(required))]
     eta_s: Option<f64>,
 }
 
 /// Addresses of what belongs to a study.
-#[derive(Debug, Serialize, ToSchema)]
-#[schema(as = StudyLinks)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+#[cfg_attr(test, schema(as = StudyLinks))]
 pub(crate) struct Links {
     /// The study itself.
     #[serde(rename = "self")]

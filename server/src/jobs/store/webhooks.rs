@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use serde::Serialize;
-use utoipa::ToSchema;
 
 use super::db::{Row, Transaction, query};
 use super::submit::to_json;
@@ -13,7 +12,8 @@ use crate::jobs::request::Change;
 use crate::webhooks::WebhookUrl;
 
 /// Whether a message has arrived.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum DeliveryState {
     /// The job or study has not ended, or the message has not arrived yet.
