@@ -106,7 +106,7 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     let mut grains =
         Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)?, aggregate: Vec::new() };
     let templates = grains.templates.len();
-    for_each_rows(source, angular_row(source), |columns| {
+    for_each_rows(source, angular_row(source), &mut |columns| {
         for row in 0..columns[0].len() {
             let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
             let grain = grains.len();

@@ -18,7 +18,8 @@ mod vtk;
 use std::io::{self, Write};
 
 use crate::request::GrainKind;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 pub use columns::Column;
 pub use load::{load, loaded_bytes};
@@ -86,7 +87,7 @@ impl Format {
 }
 
 /// All of a result but its grains.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = ResultHead))]
 pub struct Head {
     /// The job, where there is one.
@@ -100,6 +101,22 @@ pub struct Head {
     /// What is known about the packing.
     #[serde(flatten)]
     pub report: Report,
+}
+
+/// By way of a value, which takes less to compile than the buffers of flattened fields.
+impl<'de> Deserialize<'de> for Head {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        struct Own {
+            job_id: Option<String>,
+            request: serde_json::Value,
+            engine: EngineInfo,
+        }
+        let value = serde_json::Value::deserialize(deserializer)?;
+        let report = Report::deserialize(&value).map_err(D::Error::custom)?;
+        let Own { job_id, request, engine } = serde_json::from_value(value).map_err(D::Error::custom)?;
+        Ok(Self { job_id, request, engine, report })
+    }
 }
 
 /// What computed a result.

@@ -261,14 +261,14 @@ pub(super) fn for_each_block<const N: usize>(
     columns: [Column; N],
     mut visit: impl FnMut([&[f64]; N]) -> io::Result<()>,
 ) -> io::Result<()> {
-    for_each_rows(grains, &columns, |columns| visit(arrays::from_fn(|i| columns[i])))
+    for_each_rows(grains, &columns, &mut |columns| visit(arrays::from_fn(|i| columns[i])))
 }
 
 /// [`for_each_block`] for a number of columns that is not known at compile time.
 pub(super) fn for_each_rows(
     grains: &dyn GrainSource,
     columns: &[Column],
-    mut visit: impl FnMut(&[&[f64]]) -> io::Result<()>,
+    visit: &mut dyn FnMut(&[&[f64]]) -> io::Result<()>,
 ) -> io::Result<()> {
     let most = BLOCK_ROWS.min(grains.len());
     let mut buffers: Vec<Vec<f64>> = columns.iter().map(|_| vec![0.0; most]).collect();

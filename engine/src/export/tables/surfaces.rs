@@ -69,7 +69,7 @@ impl<'a> Surface<'a> {
         pose: &Pose,
         d_mm: f64,
         semi_axes_mm: &Vector3<f64>,
-        mut visit: impl FnMut([f64; 3]) -> io::Result<()>,
+        visit: &mut dyn FnMut([f64; 3]) -> io::Result<()>,
     ) -> io::Result<()> {
         let rotation = pose.rotation();
         match &self.points {
@@ -139,7 +139,7 @@ impl<'a> Surfaces<'a> {
         let ball = Surface::new(Points::Ball(points), triangles);
         let mut surfaces = Self { grains, templates, ball, points: 0, polygons: 0, corners: 0 };
         let (mut points, mut polygons, mut corners) = (0, 0, 0);
-        surfaces.for_each(|surface| {
+        surfaces.for_each(&mut |surface| {
             points += surface.len();
             polygons += surface.polygons.len();
             corners += surface.corners;
@@ -160,21 +160,21 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Calls `visit` with the surface of each grain.
-    fn for_each(&self, mut visit: impl FnMut(&Surface<'a>) -> io::Result<()>) -> io::Result<()> {
+    fn for_each(&self, visit: &mut dyn FnMut(&Surface<'a>) -> io::Result<()>) -> io::Result<()> {
         for_each_block(self.grains, [Column::Template], |[templates]| {
             templates.iter().try_for_each(|&template| visit(self.of(template)?))
         })
     }
 
     /// Calls `visit` with each point of each grain.
-    fn for_each_point(&self, mut visit: impl FnMut([f64; 3]) -> io::Result<()>) -> io::Result<()> {
-        for_each_rows(self.grains, angular_row(self.grains), |columns| {
+    fn for_each_point(&self, visit: &mut dyn FnMut([f64; 3]) -> io::Result<()>) -> io::Result<()> {
+        for_each_rows(self.grains, angular_row(self.grains), &mut |columns| {
             for row in 0..columns[0].len() {
                 let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
                 let semi_axes = Vector3::from_fn(|k, _| columns.get(9 + k).map_or(0.0, |axis| axis[row]));
                 let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
                 let pose = Pose { center_mm: Vector3::new(x, y, z), orientation };
-                self.of(template)?.for_each_point(&pose, d, &semi_axes, &mut visit)?;
+                self.of(template)?.for_each_point(&pose, d, &semi_axes, visit)?;
             }
             Ok(())
         })
@@ -184,7 +184,7 @@ impl<'a> Surfaces<'a> {
     fn for_each_polygon(
         &self,
         column: Column,
-        mut visit: impl FnMut(f64) -> io::Result<()>,
+        visit: &mut dyn FnMut(f64) -> io::Result<()>,
     ) -> io::Result<()> {
         for_each_block(self.grains, [column, Column::Template], |[values, templates]| {
             for (&value, &template) in values.iter().zip(templates) {
@@ -197,9 +197,9 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Calls `visit` with the corners of each polygon, and the number of the first point of its grain.
-    fn for_each_corners(&self, mut visit: impl FnMut(&[u32], usize) -> io::Result<()>) -> io::Result<()> {
+    fn for_each_corners(&self, visit: &mut dyn FnMut(&[u32], usize) -> io::Result<()>) -> io::Result<()> {
         let mut first = 0;
-        self.for_each(|surface| {
+        self.for_each(&mut |surface| {
             for corners in &surface.polygons {
                 visit(corners, first)?;
             }
@@ -209,9 +209,9 @@ impl<'a> Surfaces<'a> {
     }
 
     /// Calls `visit` with the number of the grain of each polygon.
-    fn for_each_id(&self, mut visit: impl FnMut(i32) -> io::Result<()>) -> io::Result<()> {
+    fn for_each_id(&self, visit: &mut dyn FnMut(i32) -> io::Result<()>) -> io::Result<()> {
         let mut id = 0;
-        self.for_each(|surface| {
+        self.for_each(&mut |surface| {
             for _ in &surface.polygons {
                 visit(id)?;
             }
@@ -227,31 +227,32 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     let mut out = io::BufWriter::with_capacity(1 << 16, out);
     write!(out, "# vtk DataFile Version 3.0\n{}\nBINARY\nDATASET POLYDATA\n", title(head))?;
     writeln!(out, "POINTS {} double", surfaces.points)?;
-    surfaces.for_each_point(|p| p.iter().try_for_each(|x| out.write_all(&x.to_be_bytes())))?;
+    surfaces.for_each_point(&mut |p| p.iter().try_for_each(|x| out.write_all(&x.to_be_bytes())))?;
     let n = surfaces.polygons;
     writeln!(out, "\nPOLYGONS {n} {}", n + surfaces.corners)?;
-    surfaces.for_each_corners(|corners, first| {
+    surfaces.for_each_corners(&mut |corners, first| {
         out.write_all(&(corners.len() as i32).to_be_bytes())?;
         corners
             .iter()
             .try_for_each(|&corner| out.write_all(&((first + corner as usize) as i32).to_be_bytes()))
     })?;
     writeln!(out, "\nCELL_DATA {n}\nSCALARS diameter double 1\nLOOKUP_TABLE default")?;
-    surfaces.for_each_polygon(Column::Diameter, |d| out.write_all(&d.to_be_bytes()))?;
+    surfaces.for_each_polygon(Column::Diameter, &mut |d| out.write_all(&d.to_be_bytes()))?;
     let arrays = 4 + i32::from(grains.has_aggregates());
     writeln!(out, "\nFIELD arrays {arrays}\nsieve 1 {n} double")?;
-    surfaces.for_each_polygon(Column::Sieve, |size| out.write_all(&size.to_be_bytes()))?;
+    surfaces.for_each_polygon(Column::Sieve, &mut |size| out.write_all(&size.to_be_bytes()))?;
     writeln!(out, "\nsieve_class 1 {n} int")?;
-    surfaces.for_each_polygon(size, |d| out.write_all(&class(d).to_be_bytes()))?;
+    surfaces.for_each_polygon(size, &mut |d| out.write_all(&class(d).to_be_bytes()))?;
     writeln!(out, "\ntemplate 1 {n} int")?;
-    surfaces
-        .for_each_polygon(Column::Template, |template| out.write_all(&(template as i32).to_be_bytes()))?;
+    surfaces.for_each_polygon(Column::Template, &mut |template| {
+        out.write_all(&(template as i32).to_be_bytes())
+    })?;
     if grains.has_aggregates() {
         writeln!(out, "\naggregate 1 {n} int")?;
-        surfaces.for_each_polygon(Column::Aggregate, |k| out.write_all(&(k as i32).to_be_bytes()))?;
+        surfaces.for_each_polygon(Column::Aggregate, &mut |k| out.write_all(&(k as i32).to_be_bytes()))?;
     }
     writeln!(out, "\nid 1 {n} int")?;
-    surfaces.for_each_id(|id| out.write_all(&id.to_be_bytes()))?;
+    surfaces.for_each_id(&mut |id| out.write_all(&id.to_be_bytes()))?;
     writeln!(out)?;
     out.flush()
 }
@@ -262,37 +263,41 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     let (points, n) = (surfaces.points, surfaces.polygons);
     let mut file = provenance_file(head, [points, 0, n]);
     file.section("Points", None);
-    file.fill::<[f64; 3]>("Points", points, |sink| put(sink, |put| surfaces.for_each_point(|p| put.put(p))));
+    file.fill::<[f64; 3]>("Points", points, |sink| {
+        put(sink, &mut |put| surfaces.for_each_point(&mut |p| put.put(p)))
+    });
     file.section("CellData", Some("diameter"));
     for (name, column) in [("diameter", Column::Diameter), ("sieve", Column::Sieve)] {
         file.fill::<f64>(name, n, move |sink| {
-            put(sink, |put| surfaces.for_each_polygon(column, |value| put.put(value)))
+            put(sink, &mut |put| surfaces.for_each_polygon(column, &mut |value| put.put(value)))
         });
     }
     file.fill::<i32>("sieve_class", n, move |sink| {
-        put(sink, |put| surfaces.for_each_polygon(size, |d| put.put(class(d))))
+        put(sink, &mut |put| surfaces.for_each_polygon(size, &mut |d| put.put(class(d))))
     });
     file.fill::<i32>("template", n, |sink| {
-        put(sink, |put| surfaces.for_each_polygon(Column::Template, |template| put.put(template as i32)))
+        put(sink, &mut |put| {
+            surfaces.for_each_polygon(Column::Template, &mut |template| put.put(template as i32))
+        })
     });
     if grains.has_aggregates() {
         file.fill::<i32>("aggregate", n, |sink| {
-            put(sink, |put| surfaces.for_each_polygon(Column::Aggregate, |k| put.put(k as i32)))
+            put(sink, &mut |put| surfaces.for_each_polygon(Column::Aggregate, &mut |k| put.put(k as i32)))
         });
     }
-    file.fill::<i32>("id", n, |sink| put(sink, |put| surfaces.for_each_id(|id| put.put(id))));
+    file.fill::<i32>("id", n, |sink| put(sink, &mut |put| surfaces.for_each_id(&mut |id| put.put(id))));
     file.section("Polys", None);
     file.fill::<i64>("connectivity", surfaces.corners, |sink| {
-        put(sink, |put| {
-            surfaces.for_each_corners(|corners, first| {
+        put(sink, &mut |put| {
+            surfaces.for_each_corners(&mut |corners, first| {
                 corners.iter().try_for_each(|&corner| put.put((first + corner as usize) as i64))
             })
         })
     });
     file.fill::<i64>("offsets", n, |sink| {
         let mut end = 0;
-        put(sink, |put| {
-            surfaces.for_each_corners(|corners, _| {
+        put(sink, &mut |put| {
+            surfaces.for_each_corners(&mut |corners, _| {
                 end += corners.len() as i64;
                 put.put(end)
             })
@@ -318,7 +323,7 @@ impl Put<'_, '_> {
 
 fn put(
     sink: &mut Sink<'_>,
-    fill: impl FnOnce(&mut Put<'_, '_>) -> io::Result<()>,
+    fill: &mut dyn FnMut(&mut Put<'_, '_>) -> io::Result<()>,
 ) -> Result<(), ExportError> {
     fill(&mut Put(sink)).map_err(ExportError::Write)
 }

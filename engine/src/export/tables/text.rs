@@ -12,7 +12,7 @@ use crate::request::GrainKind;
 pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}", names(grains.columns()).join(","))?;
     let mut text = Vec::new();
-    for_each_rows(grains, grains.columns(), |values| {
+    for_each_rows(grains, grains.columns(), &mut |values| {
         text.clear();
         for row in 0..values[0].len() {
             push_row(&mut text, grains.columns(), values, row);
@@ -50,7 +50,7 @@ impl GrainTable<'_> {
         write!(out, "{{\"columns\":{},\"rows\":[", serde_json::to_string(&names(self.0.columns()))?)?;
         let (mut text, mut first) = (Vec::new(), true);
         let columns = self.0.columns();
-        for_each_rows(self.0, columns, |values| {
+        for_each_rows(self.0, columns, &mut |values| {
             text.clear();
             for row in 0..values[0].len() {
                 text.extend_from_slice(if first { b"\n[" } else { b",\n[" });

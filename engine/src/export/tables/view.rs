@@ -128,7 +128,7 @@ impl SizeOf {
                 Ok(())
             })?;
         } else {
-            for_each_rows(grains, &self.columns, |values| {
+            for_each_rows(grains, &self.columns, &mut |values| {
                 (0..values[0].len()).map(|row| self.size_mm(values, row)).for_each(&mut note);
                 Ok(())
             })?;
@@ -279,7 +279,7 @@ fn for_each_record_block(
     let [a, b, c, template, aggregate, _, _] = others.each(position);
     let (class_of, nominal) = (classifier(head), position(nominal_size(head, grains)));
     let of_size: Vec<usize> = size_of.columns.iter().filter_map(|column| position(*column)).collect();
-    for_each_rows(grains, &columns, |values| {
+    for_each_rows(grains, &columns, &mut |values| {
         bytes.clear();
         let size_values: Vec<&[f64]> = of_size.iter().map(|at| values[*at]).collect();
         for row in 0..values[0].len() {
