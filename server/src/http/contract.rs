@@ -1,6 +1,6 @@
 //! The interface document as it is published: `openapi.yaml` at the root of the repository, which this build contains.
 //!
-//! The tests make the document from the handlers and their types ([`openapi`](crate::http::openapi)) and compare the two.
+//! The tests make the document from the handlers and their types (`openapi`) and compare the two.
 
 use std::sync::LazyLock;
 

@@ -1,8 +1,8 @@
 //! The HTTP interface: a folder per resource, and below them what they share.
 //!
 //! A handler reads its request, calls the store, and writes a view of what it found. Every error is a problem document.
-//! The contract with clients is `openapi.yaml`. What describes handlers and types for it is compiled in tests alone, which
-//! make the document from it and compare ([`contract`]).
+//! The contract with clients is `openapi.yaml`. What describes handlers and types for it is compiled in tests alone,
+//! which make the document from it and compare ([`contract`]).
 
 mod access;
 mod app;

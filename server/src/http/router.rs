@@ -12,9 +12,9 @@ use crate::http::{
 };
 use crate::problem::{Kind, Problem};
 
-/// From methods, paths and handlers, as `method "path" => module: name`, makes the function `routes`, which adds them to
-/// a router, and in tests the type `Documented`, which is what the handlers say of themselves, and a test that both have
-/// the same methods and paths.
+/// From methods, paths and handlers, as `method "path" => module: name`, makes the function `routes`, which adds them
+/// to a router, and in tests the type `Documented`, which is what the handlers say of themselves, and a test that both
+/// have the same methods and paths.
 macro_rules! routes {
     ($($method:ident $path:literal => $($module:ident)::+: $name:ident,)+) => {
         fn routes(router: Router<App>) -> Router<App> {
