@@ -75,7 +75,7 @@ async fn grains_that_are_no_spheres_go_on_after_a_power_cut_too() {
         return;
     }
     let ratios = json!({"type": "constant", "b_over_a": 0.8, "c_over_a": 0.65});
-    for (shape, fraction) in [("ellipsoid", 0.5), ("polyhedron", 0.45)] {
+    for (shape, fraction) in [("ellipsoid", 0.55), ("polyhedron", 0.45)] {
         let job = jobs::with(jobs::growth(), "/mix/shape", json!({"type": shape, "ratios": ratios}));
         let job = jobs::with(job, "/method", json!({"type": "monte_carlo"}));
         let job = jobs::with(job, "/mix/volume_fraction", json!(fraction));

@@ -9,7 +9,7 @@
 //! Of a sharp body with faces or edges that are too narrow, planes are moved inwards, and faces left out, until no face
 //! is narrower than the edges asked for allow. `polyhedron` meshes what is left, scaled.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
@@ -75,11 +75,16 @@ impl Facets {
         let mut solid = Self::of_planes(&body.planes, body.rounding);
         let mut short = short_of(&solid);
         let mut tried: Vec<Vector3<f64>> = Vec::new();
+        // Distance and normal by the bits of a place: most are places of several facets, and still there after a cut.
+        let mut known: HashMap<[u64; 3], (f64, Option<Vector3<f64>>)> = HashMap::new();
         for _ in 0..MOST_CUTS {
             let is_new = |normal: &Vector3<f64>| tried.iter().all(|old| old.dot(normal) < SAME_NORMAL);
             let outside = solid.places().filter_map(|(p, weight)| {
-                let away = body.distance(&p);
-                let normal = (away > LEAST_DISTANCE * edge).then(|| body.normal(&p)).filter(is_new)?;
+                let (away, normal) = *known.entry(p.map(f64::to_bits).into()).or_insert_with(|| {
+                    let away = body.distance(&p);
+                    (away, (away > LEAST_DISTANCE * edge).then(|| body.normal(&p)))
+                });
+                let normal = normal.filter(is_new)?;
                 Some((away * weight, away, normal))
             });
             let Some((_, away, normal)) = outside.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
