@@ -41,7 +41,7 @@ pub(super) struct CellBuffers {
     heads: Vec<u32>,
     links: Vec<Link>,
     spheres: Vec<Placed>,
-    /// Of [`Cells::ordered`], where it goes on.
+    /// Of [`Cells::order`], where it goes on.
     next: Vec<u32>,
 }
 
