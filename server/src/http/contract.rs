@@ -1,28 +1,19 @@
-//! The interface document as it is published: `openapi.yaml` at the root of the repository, which this build contains.
+//! The interface document as it is published: `openapi.yaml` at the root of the repository, and the same as JSON. A build
+//! contains both.
 //!
-//! The tests make the document from the handlers and their types (`openapi`) and compare the two.
-
-use std::sync::LazyLock;
-
-use serde_json::Value;
+//! The tests make the document from the handlers and their types (`openapi`) and compare.
 
 /// The document as YAML.
 pub(crate) const YAML: &str = include_str!("../../../openapi.yaml");
 
-/// The document as JSON, made at the first call.
-pub(crate) fn json() -> &'static str {
-    static JSON: LazyLock<String> = LazyLock::new(|| {
-        let document: Value = yaml_serde::from_str(YAML).unwrap_or_default();
-        serde_json::to_string_pretty(&document).unwrap_or_default()
-    });
-    JSON.as_str()
-}
+/// The document as JSON.
+pub(super) const JSON: &str = include_str!("openapi.json");
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
     use packstone_engine::export::ExportType;
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     use super::*;
     use crate::http::openapi::document;
@@ -42,17 +33,18 @@ mod tests {
 
     #[test]
     fn the_published_document_is_what_the_code_says() {
-        let said = yaml();
+        let yaml = yaml();
+        let json = serde_json::to_string_pretty(&document()).unwrap();
         if std::env::var_os("UPDATE_OPENAPI").is_some() {
-            std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/../openapi.yaml"), said).unwrap();
+            let root = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+            std::fs::write(format!("{root}/openapi.yaml"), yaml).unwrap();
+            std::fs::write(format!("{root}/server/src/http/openapi.json"), json).unwrap();
             return;
         }
         assert!(
-            YAML == said,
-            "openapi.yaml is not what the code says: run `UPDATE_OPENAPI=1 cargo test -p packstone-server --lib contract`"
+            YAML == yaml && JSON == json,
+            "the documents are not what the code says: run `UPDATE_OPENAPI=1 cargo test -p packstone-server --lib contract`"
         );
-        let served: Value = serde_json::from_str(json()).unwrap();
-        assert_eq!(served, document());
     }
 
     #[test]

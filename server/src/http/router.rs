@@ -94,5 +94,5 @@ pub(crate) fn router(app: App) -> Router {
 }
 
 async fn openapi_json() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], contract::json()).into_response()
+    ([(header::CONTENT_TYPE, "application/json")], contract::JSON).into_response()
 }
