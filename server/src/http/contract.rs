@@ -1,5 +1,5 @@
-//! The interface document as it is published: `openapi.yaml` at the root of the repository, and the same as JSON. A build
-//! contains both.
+//! The interface document as it is published: `openapi.yaml` at the root of the repository, and the same as JSON. A
+//! build contains both.
 //!
 //! The tests make the document from the handlers and their types (`openapi`) and compare.
 
