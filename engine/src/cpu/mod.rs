@@ -3,8 +3,7 @@
 //! The build carries no CPU flags, so that one binary runs on every machine of its target. [`Cpu::detect`] asks the
 //! processor once per run. [`InstructionSet::call`] runs a closure in a function that is compiled for the set; what
 //! the closure calls is compiled for it as well where it is inlined, and is marked `inline(always)` for that reason.
-//! [`Lanes`] are four numbers at once: an array for the baseline, which the compiler puts into registers of SSE2 or
-//! NEON, and AVX for x86-64-v3.
+//! [`Lanes`] are four numbers at once: an array for the baseline, AVX for x86-64-v3.
 //!
 //! The bits of a result do not depend on the set: every operation here rounds as IEEE 754 prescribes for the single
 //! operation, no set has an operation that another computes in two roundings, and the compiler contracts nothing. A

@@ -37,7 +37,7 @@ use exit::Failure;
 /// Version and commit, as `--version` tells them.
 const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("PACKSTONE_COMMIT"), ")");
 
-/// Turns a concrete mix design into a packing of spheres
+/// Turns a concrete mix design into a packing of spheres, ellipsoids or polyhedra
 #[derive(Parser)]
 #[command(name = "packstone", version = VERSION, about, after_help = exit::HELP)]
 struct Cli {

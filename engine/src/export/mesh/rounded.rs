@@ -75,16 +75,17 @@ impl Facets {
         let mut solid = Self::of_planes(&body.planes, body.rounding);
         let mut short = short_of(&solid);
         let mut tried: Vec<Vector3<f64>> = Vec::new();
-        // Distance and normal by the bits of a place: most are places of several facets, and still there after a cut.
-        let mut known: HashMap<[u64; 3], (f64, Option<Vector3<f64>>)> = HashMap::new();
+        // Distance and normal of the places outside, by the bits of their coordinates: a place belongs to several facets,
+        // and most are still there after a cut.
+        let mut known: HashMap<[u64; 3], Option<(f64, Vector3<f64>)>> = HashMap::new();
         for _ in 0..MOST_CUTS {
             let is_new = |normal: &Vector3<f64>| tried.iter().all(|old| old.dot(normal) < SAME_NORMAL);
             let outside = solid.places().filter_map(|(p, weight)| {
-                let (away, normal) = *known.entry(p.map(f64::to_bits).into()).or_insert_with(|| {
+                let outside = *known.entry(p.map(f64::to_bits).into()).or_insert_with(|| {
                     let away = body.distance(&p);
-                    (away, (away > LEAST_DISTANCE * edge).then(|| body.normal(&p)))
+                    (away > LEAST_DISTANCE * edge).then(|| (away, body.normal(&p)))
                 });
-                let normal = normal.filter(is_new)?;
+                let (away, normal) = outside.filter(|(_, normal)| is_new(normal))?;
                 Some((away * weight, away, normal))
             });
             let Some((_, away, normal)) = outside.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };

@@ -18,7 +18,7 @@ use crate::failure::FailureCode;
 use crate::http::app::App;
 use crate::http::files::stem;
 #[cfg(test)]
-use crate::http::params::described::{described_path, described_query, uuid_schema};
+use crate::http::params::described::{described_query, path_parameter, uuid_schema};
 use crate::http::params::values::Value;
 use crate::http::params::{ParameterSet, RawQuery, choices, names, shown};
 use crate::http::problems::refused;
@@ -57,8 +57,8 @@ impl<S: Send + Sync> FromRequestParts<S> for ExportPath {
 impl IntoParams for ExportPath {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![
-            described_path("id", uuid_schema(), "ID of the job, which must have succeeded"),
-            described_path("type", <ExportType as Value>::schema(), "Type of the export"),
+            path_parameter("id", uuid_schema(), "ID of the job, which must have succeeded"),
+            path_parameter("type", <ExportType as Value>::schema(), "Type of the export"),
         ]
     }
 }

@@ -21,7 +21,10 @@ use crate::problem::Problem;
         ExportPath,
         ExportOptions,
     ),
-    responses((status = 204, description = "The export is removed"), crate::http::problems::sets::ExportStatusProblems)
+    responses(
+        (status = 204, description = "The export is removed"),
+        crate::http::problems::sets::ExportStatusProblems
+    )
 ))]
 pub(crate) async fn delete(
     State(app): State<App>,

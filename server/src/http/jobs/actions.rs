@@ -61,7 +61,10 @@ pub(crate) async fn cancel(
         JobPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
     ),
-    responses((status = 200, description = "The job waits again", body = view::Job), crate::http::problems::sets::RetryProblems)
+    responses(
+        (status = 200, description = "The job waits again", body = view::Job),
+        crate::http::problems::sets::RetryProblems
+    )
 ))]
 pub(crate) async fn retry(
     State(app): State<App>,

@@ -90,7 +90,10 @@ pub(crate) async fn get(
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/request", tag = "jobs", operation_id = "get_job_request",
     params(JobPath),
-    responses((status = 200, description = "The request", body = jobs::JobRequest), crate::http::problems::sets::JobProblems)
+    responses(
+        (status = 200, description = "The request", body = jobs::JobRequest),
+        crate::http::problems::sets::JobProblems
+    )
 ))]
 pub(crate) async fn request(
     State(app): State<App>,

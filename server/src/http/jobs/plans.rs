@@ -23,7 +23,10 @@ use crate::tasks;
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/plans", tag = "jobs", operation_id = "plan_job",
     request_body(content = crate::jobs::JobRequest, content_type = "application/json"),
-    responses((status = 200, description = "The plan", body = JobPlan), crate::http::problems::sets::PlanProblems)
+    responses(
+        (status = 200, description = "The plan", body = JobPlan),
+        crate::http::problems::sets::PlanProblems
+    )
 ))]
 pub(crate) async fn plan(
     State(app): State<App>,

@@ -57,7 +57,10 @@ pub(crate) async fn get(
     put, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
     params(LeasePath),
     request_body(content_type = "application/octet-stream", description = "The checkpoint"),
-    responses((status = 204, description = "The checkpoint is kept"), crate::http::problems::sets::LeaseFileProblems)
+    responses(
+        (status = 204, description = "The checkpoint is kept"),
+        crate::http::problems::sets::LeaseFileProblems
+    )
 ))]
 pub(crate) async fn put(
     State(app): State<App>,

@@ -21,7 +21,10 @@ use crate::workers::documents::{EndOutcome, EndRequest};
     post, path = "/v1/leases/{job}/{attempt}/end", tag = "workers", operation_id = "end_lease",
     params(LeasePath),
     request_body = EndRequest,
-    responses((status = 200, description = "The end is recorded", body = super::LeaseEnded), crate::http::problems::sets::LeaseEndProblems)
+    responses(
+        (status = 200, description = "The end is recorded", body = super::LeaseEnded),
+        crate::http::problems::sets::LeaseEndProblems
+    )
 ))]
 pub(crate) async fn end(
     State(app): State<App>,

@@ -25,7 +25,7 @@ use utoipa::openapi::path::{Parameter, ParameterIn};
 use crate::failure::Failure;
 use crate::http::app::App;
 #[cfg(test)]
-use crate::http::params::described::{described_path, uuid_schema};
+use crate::http::params::described::{path_parameter, uuid_schema};
 use crate::http::params::paths::segments;
 use crate::ids::JobId;
 use crate::jobs::Lease;
@@ -61,8 +61,8 @@ impl IntoParams for LeasePath {
         use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
         let attempt: Object = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1)).build();
         vec![
-            described_path("job", uuid_schema(), "ID of the job"),
-            described_path("attempt", attempt, "Number of the attempt"),
+            path_parameter("job", uuid_schema(), "ID of the job"),
+            path_parameter("attempt", attempt, "Number of the attempt"),
         ]
     }
 }

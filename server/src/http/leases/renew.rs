@@ -39,7 +39,10 @@ const POLLED_EVERY_S: f64 = 1.0;
     post, path = "/v1/leases/renewals", tag = "workers", operation_id = "renew_leases",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
     request_body = RenewalRequest,
-    responses((status = 200, description = "What became of the leases", body = RenewalsDocument), crate::http::problems::sets::LeaseProblems)
+    responses(
+        (status = 200, description = "What became of the leases", body = RenewalsDocument),
+        crate::http::problems::sets::LeaseProblems
+    )
 ))]
 pub(crate) async fn renew(
     State(app): State<App>,

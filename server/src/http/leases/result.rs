@@ -41,7 +41,10 @@ parameters! {
     put, path = "/v1/leases/{job}/{attempt}/result", tag = "workers", operation_id = "put_result",
     params(LeasePath, ResultParameters),
     request_body(content_type = "application/octet-stream", description = "The stored form of the result"),
-    responses((status = 200, description = "The job has succeeded", body = super::LeaseEnded), crate::http::problems::sets::LeaseFileProblems)
+    responses(
+        (status = 200, description = "The job has succeeded", body = super::LeaseEnded),
+        crate::http::problems::sets::LeaseFileProblems
+    )
 ))]
 pub(crate) async fn put(
     State(app): State<App>,

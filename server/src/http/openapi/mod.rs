@@ -16,7 +16,8 @@ use crate::studies::Study;
 pub(crate) mod strict;
 mod webhooks;
 
-const DESCRIPTION: &str = "Packstone turns a concrete mix design into a dense, checked packing of spheres.\n\n\
+const DESCRIPTION: &str = "Packstone turns a concrete mix design into a dense, checked packing of grains: spheres, ellipsoids \
+or polyhedra.\n\n\
 Submit a job, wait for its end (`Prefer: wait=N`, long polls by tag, or server-sent events), fetch the result and the \
 exports that you need. Every length is in mm, every time in s, every fraction from 0 to 1. Objects that have variants \
 are tagged by `type`; unknown fields and parameters are refused. Every error is a problem document (RFC 9457) whose \

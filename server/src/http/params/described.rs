@@ -23,7 +23,7 @@ macro_rules! described_query {
 pub(crate) use described_query;
 
 /// One query parameter; `doc` are the lines of its comment.
-pub(crate) fn described<T: Parameter>(name: &str, doc: &[&str]) -> Described {
+pub(crate) fn query_parameter<T: Parameter>(name: &str, doc: &[&str]) -> Described {
     let lines: Vec<&str> = doc.iter().map(|line| line.trim()).collect();
     let parameter = ParameterBuilder::new()
         .name(name)
@@ -34,7 +34,7 @@ pub(crate) fn described<T: Parameter>(name: &str, doc: &[&str]) -> Described {
 }
 
 /// One parameter of a path.
-pub(crate) fn described_path(name: &str, schema: Object, description: &str) -> Described {
+pub(crate) fn path_parameter(name: &str, schema: Object, description: &str) -> Described {
     ParameterBuilder::new()
         .name(name)
         .parameter_in(ParameterIn::Path)

@@ -8,7 +8,7 @@ use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter as Described, ParameterIn};
 
 #[cfg(test)]
-use crate::http::params::described::{described_path, uuid_schema};
+use crate::http::params::described::{path_parameter, uuid_schema};
 use crate::http::params::values::Value as _;
 use crate::http::params::{Choice, names, shown};
 use crate::ids::{JobId, StudyId};
@@ -79,7 +79,7 @@ impl<I: PathId, S: Send + Sync> FromRequestParts<S> for IdPath<I> {
 #[cfg(test)]
 impl<I: PathId> IntoParams for IdPath<I> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
-        vec![described_path("id", uuid_schema(), I::DESCRIPTION)]
+        vec![path_parameter("id", uuid_schema(), I::DESCRIPTION)]
     }
 }
 
@@ -142,8 +142,8 @@ impl<K: PlotKind, S: Send + Sync> FromRequestParts<S> for PlotPath<K> {
 impl<K: PlotKind> IntoParams for PlotPath<K> {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Described> {
         vec![
-            described_path("id", uuid_schema(), K::Id::DESCRIPTION),
-            described_path("kind", K::schema(), "What is shown"),
+            path_parameter("id", uuid_schema(), K::Id::DESCRIPTION),
+            path_parameter("kind", K::schema(), "What is shown"),
         ]
     }
 }

@@ -49,7 +49,7 @@ macro_rules! parameters {
         impl $crate::http::params::ParameterSet for $name {
             #[cfg(test)]
             fn describe(described: &mut Vec<utoipa::openapi::path::Parameter>) {
-                $(described.push($crate::http::params::described::described::<$type>(
+                $(described.push($crate::http::params::described::query_parameter::<$type>(
                     stringify!($field),
                     &[$($doc),+],
                 ));)*

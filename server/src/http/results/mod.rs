@@ -58,7 +58,10 @@ pub(crate) struct ResultSummary {
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/result/summary", tag = "results", operation_id = "get_result_summary",
     params(JobPath),
-    responses((status = 200, description = "The result without its spheres", body = ResultSummary), crate::http::problems::sets::SummaryProblems)
+    responses(
+        (status = 200, description = "The result without its grains", body = ResultSummary),
+        crate::http::problems::sets::SummaryProblems
+    )
 ))]
 pub(crate) async fn summary(
     State(app): State<App>,

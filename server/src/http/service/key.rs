@@ -51,7 +51,10 @@ pub(crate) struct KeyUsage {
 /// What the key of this request may do
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/key", tag = "service", operation_id = "get_key",
-    responses((status = 200, description = "The key", body = KeyInfo), crate::http::problems::sets::OpenProblems)
+    responses(
+        (status = 200, description = "The key", body = KeyInfo),
+        crate::http::problems::sets::OpenProblems
+    )
 ))]
 pub(crate) async fn get(
     State(app): State<App>,

@@ -185,7 +185,10 @@ pub(crate) struct LimitsInfo {
 /// What this server can do
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/capabilities", tag = "service", operation_id = "get_capabilities",
-    responses((status = 200, description = "What this server can do", body = Capabilities), crate::http::problems::sets::OpenProblems)
+    responses(
+        (status = 200, description = "What this server can do", body = Capabilities),
+        crate::http::problems::sets::OpenProblems
+    )
 ))]
 pub(crate) async fn capabilities(
     State(app): State<App>,
@@ -251,7 +254,10 @@ pub(crate) struct Health {
 /// It fails only where the database cannot be opened any more, so that a restart is the only help.
 #[cfg_attr(test, utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "get_health",
-    responses((status = 200, description = "It works", body = Health), crate::http::problems::sets::ReadyProblems)
+    responses(
+        (status = 200, description = "It works", body = Health),
+        crate::http::problems::sets::ReadyProblems
+    )
 ))]
 pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> {
     if app.shared.store.is_lost() {
@@ -267,7 +273,10 @@ pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> 
 /// stay free, and after a write failed on a full disk until a write succeeds.
 #[cfg_attr(test, utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "get_readiness",
-    responses((status = 200, description = "It takes jobs", body = Health), crate::http::problems::sets::ReadyProblems)
+    responses(
+        (status = 200, description = "It takes jobs", body = Health),
+        crate::http::problems::sets::ReadyProblems
+    )
 ))]
 pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     let not_ready = |why: &str| Problem::new(Kind::NotReady, why).with_header("retry-after", "1");
@@ -307,7 +316,10 @@ async fn newest_checkpoint(app: &App) -> Option<f64> {
 /// Counters in the text form of Prometheus
 #[cfg_attr(test, utoipa::path(
     get, path = "/metrics", tag = "service", operation_id = "get_metrics",
-    responses((status = 200, description = "The counters", body = String, content_type = "text/plain"), crate::http::problems::sets::OpenProblems)
+    responses(
+        (status = 200, description = "The counters", body = String, content_type = "text/plain"),
+        crate::http::problems::sets::OpenProblems
+    )
 ))]
 pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem> {
     let shared = &app.shared;

@@ -41,7 +41,10 @@ pub(crate) struct ProblemKinds {
 /// List the kinds of problems
 #[cfg_attr(test, utoipa::path(
     get, path = "/problems", tag = "service", operation_id = "list_problems",
-    responses((status = 200, description = "All kinds", body = ProblemKinds), crate::http::problems::sets::OpenProblems)
+    responses(
+        (status = 200, description = "All kinds", body = ProblemKinds),
+        crate::http::problems::sets::OpenProblems
+    )
 ))]
 pub(crate) async fn list(State(_): State<App>, _: Query<NoParameters>) -> Result<Response, Problem> {
     let items = Kind::ALL.iter().map(|kind| ProblemKind::of(*kind)).collect();
@@ -52,7 +55,10 @@ pub(crate) async fn list(State(_): State<App>, _: Query<NoParameters>) -> Result
 #[cfg_attr(test, utoipa::path(
     get, path = "/problems/{kind}", tag = "service", operation_id = "get_problem",
     params(("kind" = String, Path, description = "Last segment of the problem's `type`")),
-    responses((status = 200, description = "The kind", body = ProblemKind), crate::http::problems::sets::PageProblems)
+    responses(
+        (status = 200, description = "The kind", body = ProblemKind),
+        crate::http::problems::sets::PageProblems
+    )
 ))]
 pub(crate) async fn get(
     State(_): State<App>,

@@ -70,7 +70,10 @@ parameters! {
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
         RetryParameters,
     ),
-    responses((status = 200, description = "The study, whose jobs wait again", body = view::Study), crate::http::problems::sets::StudyRetryProblems)
+    responses(
+        (status = 200, description = "The study, whose jobs wait again", body = view::Study),
+        crate::http::problems::sets::StudyRetryProblems
+    )
 ))]
 pub(crate) async fn retry(
     State(app): State<App>,
@@ -101,7 +104,10 @@ pub(crate) async fn retry(
         StudyPath,
         ("If-Match" = Option<String>, Header, description = "Tag of the study; nothing is done if it has changed since"),
     ),
-    responses((status = 204, description = "The study and its jobs are gone"), crate::http::problems::sets::ActionProblems)
+    responses(
+        (status = 204, description = "The study and its jobs are gone"),
+        crate::http::problems::sets::ActionProblems
+    )
 ))]
 pub(crate) async fn delete(
     State(app): State<App>,
