@@ -1,5 +1,5 @@
-//! The instructions that every processor of the target has. Four numbers are an array: whether they are computed with at
-//! once, as by SSE2 or NEON, is left to the compiler.
+//! The instructions that every processor of the target has. Four numbers are an array: whether they are computed with
+//! at once, as by SSE2 or NEON, is left to the compiler.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
 

@@ -75,8 +75,8 @@ impl Facets {
         let mut solid = Self::of_planes(&body.planes, body.rounding);
         let mut short = short_of(&solid);
         let mut tried: Vec<Vector3<f64>> = Vec::new();
-        // Distance and normal of the places outside, by the bits of their coordinates: a place belongs to several facets,
-        // and most are still there after a cut.
+        // Distance and normal of the places outside, by the bits of their coordinates: a place belongs to several
+        // facets, and most are still there after a cut.
         let mut known: HashMap<[u64; 3], Option<(f64, Vector3<f64>)>> = HashMap::new();
         for _ in 0..MOST_CUTS {
             let is_new = |normal: &Vector3<f64>| tried.iter().all(|old| old.dot(normal) < SAME_NORMAL);

@@ -128,7 +128,7 @@ pub(crate) struct Job {
     request: Option<Value>,
 }
 
-/// The result of a job, without its spheres.
+/// The result of a job, without its grains.
 #[derive(Debug, Serialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[cfg_attr(test, schema(as = JobResult))]

@@ -52,7 +52,7 @@ pub(crate) struct ResultSummary {
     report: Map<String, Value>,
 }
 
-/// Get a result without its spheres
+/// Get a result without its grains
 ///
 /// The figures of the result. The request is at `/v1/jobs/{id}/request`.
 #[cfg_attr(test, utoipa::path(
