@@ -155,7 +155,7 @@ def main():
     def start(f, phi):
         """Where growth starts: `start` in model.rs, chosen by hand from measurements."""
         share = 0.75 + 0.9 * (phi / limit(f) - 0.867) + 0.107 * math.log(max(f["ratio"] / 8, 1))
-        return min(limit(f) * min(max(share, 0.7), 0.88), 0.985**3 * phi)
+        return min(limit(f) * min(max(share, 0.7), 0.88), 0.97**3 * phi)
 
     def ln_events(x, f, phi, n):
         share = min(phi / jamming(x, f, n), 0.99999)

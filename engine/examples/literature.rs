@@ -1,7 +1,7 @@
 //! Packings of the literature: what was published beside what this engine reaches (`docs/shapes.md`).
 //!
-//! `cargo run --release -p packstone-engine --features examples --example literature -- CASE [SEEDS [GRAINS]]`
-//! grows equal grains whose name contains the case until they jam; `addition-CASE` adds them at random, with ever more
+//! `cargo run --release -p packstone-engine --features examples --example literature -- CASE [SEEDS [GRAINS [SWEEPS]]]`
+//! grows equal grains whose name contains the case until they jam, or so many sweeps of moves are done; `addition-CASE` adds them at random, with ever more
 //! attempts for a grain; the path of a request packs that.
 
 use std::path::Path;
@@ -21,11 +21,11 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 /// Volume fraction beyond all that random packings reach.
 const BEYOND: f64 = 0.85;
-/// Sweeps after which a run that still grows is stopped.
+/// Sweeps after which a run that still grows is stopped, where no other number is given.
 const MOST_SWEEPS: u64 = 15_000;
 
 /// Equal grains of a volume of 1 mm³ in a periodic cube, grown until they jam.
-fn jammed<S: ConvexShape>(shape: S, grains: usize, seed: u64) -> Option<Outcome> {
+fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Option<Outcome> {
     let shapes = vec![shape; grains];
     let edge = libm::cbrt(grains as f64 * shape.volume_mm3() / BEYOND);
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
@@ -36,7 +36,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, seed: u64) -> Option<Outcome>
         maximize: None,
         initial_scale: None,
         swap: true,
-        limits: Limits { time_s: None, sweeps: Some(MOST_SWEEPS) },
+        limits: Limits { time_s: None, sweeps: Some(sweeps) },
         orientation: &uniform_orientation,
         seed,
         preference: None,
@@ -123,6 +123,7 @@ fn main() {
     let case = arguments.get(1).map_or("", String::as_str);
     let seeds = arguments.get(2).and_then(|n| n.parse().ok()).unwrap_or(1);
     let grains = arguments.get(3).and_then(|n| n.parse().ok()).unwrap_or(2000);
+    let sweeps = arguments.get(4).and_then(|n| n.parse().ok()).unwrap_or(MOST_SWEEPS);
     if Path::new(case).extension().is_some_and(|extension| extension == "json") {
         if packed(case, seeds).is_none() {
             eprintln!("{case} is no request");
@@ -152,7 +153,7 @@ fn main() {
             if is_addition {
                 (1..=seeds).for_each(|seed| added(name, "0.3841 (spheres)", shape, grains, seed));
             } else {
-                row(name, published, grains, seeds, |seed| jammed(shape, grains, seed));
+                row(name, published, grains, seeds, |seed| jammed(shape, grains, sweeps, seed));
             }
         }
     }
@@ -176,6 +177,6 @@ fn main() {
             (1..=seeds).for_each(|seed| added(solid.name(), published, shape, grains, seed));
             continue;
         }
-        row(solid.name(), published, grains, seeds, |seed| jammed(shape, grains, seed));
+        row(solid.name(), published, grains, seeds, |seed| jammed(shape, grains, sweeps, seed));
     }
 }

@@ -25,6 +25,7 @@ mod fluid;
 mod grid;
 mod growth;
 mod growth_protocol;
+mod lists;
 mod queue;
 mod records;
 mod run;
@@ -64,7 +65,7 @@ use tolerances::{BEYOND_TARGET, EXACT_FIT};
 /// nothing else.
 pub(crate) const INITIAL_VELOCITY_MM_PER_S: f64 = 0.5;
 /// Largest scale to start from where the request names none.
-pub(crate) const MOST_START: f64 = 0.985;
+pub(crate) const MOST_START: f64 = 0.97;
 /// Attempts per grain of the random placing that growth starts from.
 const START_ATTEMPTS: u64 = 20_000;
 /// A start that finds no place for a grain is tried again at this share of its size.
@@ -139,6 +140,7 @@ impl Edmd<'_> {
             control,
             expected: self.expected,
             preference: Preference::new(self.request, self.diameters_mm),
+            threads: self.threads,
             moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
         };

@@ -5,6 +5,8 @@
 //! to their cutoffs, do not overlap cannot meet; all others stand in each other's lists. A grain that leaves its NNL
 //! sphere gets a new one and a new list.
 
+use std::num::NonZeroUsize;
+
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::container::{Container, IMAGES, mirrored};
@@ -12,16 +14,17 @@ use super::grid::Grid;
 use super::growth::Growth;
 use super::queue::Queue;
 use super::records::{Cold, Hot, Next};
-use super::shortlist::{LEAST_NEIGHBOURS, MOST_SHORTLISTS, Shortlist};
+use super::shortlist::Shortlist;
 use super::skin;
 use crate::arrays::{self, Each as _};
-use crate::cpu::{Cpu, InstructionSet, prefetch};
-use crate::memory::{OutOfMemory, collected, copied, filled, make_room, refill, reserved};
+use crate::cpu::{Cpu, prefetch};
+use crate::memory::{OutOfMemory, collected, copied, filled};
 use crate::rng::uniform;
+use crate::threads::share;
 
 /// Bits of a list entry that hold the grain; the rest is the code of the image.
 pub(crate) const GRAIN_BITS: u32 = 25;
-const GRAIN_MASK: u32 = (1 << GRAIN_BITS) - 1;
+pub(super) const GRAIN_MASK: u32 = (1 << GRAIN_BITS) - 1;
 /// Most grains that list entries can name, less the codes of other events.
 pub(crate) const MAX_GRAINS: usize = (1 << GRAIN_BITS) - 16;
 
@@ -30,15 +33,8 @@ const LEAST_SKIN: f64 = 0.04;
 const MOST_SKIN: f64 = 2.0;
 /// Cache lines of a list that are asked for ahead.
 const LIST_LINES: u32 = 3;
-/// Grains between two reservations of room for pairs while lists are built, and the pairs of a grain that room is
-/// reserved for: on average there are fewer than twenty.
-const GRAINS_PER_RESERVATION: usize = 256;
-const HALF_PER_GRAIN: usize = 64;
 /// Entries of all lists from which their memory is given back between two cycles.
 const LARGE_SLAB: usize = 1 << 22;
-/// Free places of a new list.
-const SPARE: u32 = 3;
-
 /// What was counted since the run began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {
@@ -71,7 +67,7 @@ pub(crate) struct System {
     pub(crate) rank: Vec<u32>,
     pub(crate) growth: Growth,
     /// Bound of the skin by which no search goes beyond the images there are, in mm.
-    most_skin: f64,
+    pub(super) most_skin: f64,
     /// Length of the cycle in s.
     pub(crate) end: f64,
     pub(crate) shifts: Box<[[f64; 3]; IMAGES]>,
@@ -79,18 +75,20 @@ pub(crate) struct System {
     /// Sum over collisions of impulse times contact distance since the cycle began.
     pub(crate) virial: f64,
     pub(crate) queue: Queue,
-    grid: Grid,
-    slab: Vec<u32>,
-    slab_at_start: usize,
+    pub(super) grid: Grid,
+    pub(super) slab: Vec<u32>,
+    pub(super) slab_at_start: usize,
     /// Memory that a list was refused; lists are incomplete from then on.
     refused: Option<OutOfMemory>,
     /// Room for the candidates of a rebuild.
-    found: Vec<u32>,
+    pub(super) found: Vec<u32>,
     /// Shortlists, and which of them a grain that has one has.
     pub(crate) shortlists: Vec<Shortlist>,
     pub(crate) shortlist_of: Vec<u32>,
     /// Room for the times of a scan.
     pub(crate) arrivals: Vec<f64>,
+    /// Most threads that share the start of a cycle; nothing depends on their number.
+    pub(crate) threads: NonZeroUsize,
 }
 
 impl System {
@@ -129,6 +127,7 @@ impl System {
             shortlists: Vec::new(),
             shortlist_of: Vec::new(),
             arrivals: Vec::new(),
+            threads: NonZeroUsize::MIN,
         })
     }
 
@@ -186,7 +185,7 @@ impl System {
 
     /// Largest contact radius of the cycle.
     #[inline(always)]
-    fn last_radius(&self, grain: usize) -> f64 {
+    pub(super) fn last_radius(&self, grain: usize) -> f64 {
         self.growth.radius(self.hot[grain].radius, self.end)
     }
 
@@ -229,11 +228,7 @@ impl System {
         }
         let volume = self.container.bounds_mm().into_iter().product();
         skin::choose_first(&self.hot, &mut self.cold, volume);
-        for i in 0..n {
-            debug_assert_eq!(self.hot[i].time, 0.0);
-            self.hot[i].position = self.container.wrap(self.hot[i].position);
-            self.center_sphere(i);
-        }
+        self.center_all_spheres()?;
         let least = self.cold.iter().map(|cold| cold.cutoff).fold(f64::INFINITY, f64::min);
         let top = (0..n).map(|i| self.last_radius(i)).fold(0.0, f64::max) * 1.5;
         let top = self.cold.iter().map(|cold| cold.cutoff).fold(top, f64::max);
@@ -242,262 +237,36 @@ impl System {
         for i in 0..n {
             self.cold[i].cell = self.grid.insert(i as u32, self.cold[i].center, self.cold[i].cutoff);
         }
-        // Called as a closure that is inlined: what it inlines is compiled for the instruction set.
-        let cpu = self.cpu;
-        if self.container.is_periodic() {
-            cpu.call(
-                #[inline(always)]
-                || self.fill_lists::<true>(),
-            )
-        } else {
-            cpu.call(
-                #[inline(always)]
-                || self.fill_lists::<false>(),
-            )
-        }
+        self.fill_lists()
+    }
+
+    /// Puts the NNL spheres of all grains around their positions. Threads share the work.
+    fn center_all_spheres(&mut self) -> Result<(), OutOfMemory> {
+        let threads = self.threads_for_all();
+        let (container, growth, end, most_skin) = (&self.container, self.growth, self.end, self.most_skin);
+        let per_thread = self.hot.len().div_ceil(threads.get()).max(1);
+        let mut pieces = collected(self.hot.chunks_mut(per_thread).zip(self.cold.chunks_mut(per_thread)))?;
+        share(threads, &mut pieces, |_, (hot, cold)| {
+            for (hot, cold) in hot.iter_mut().zip(cold.iter_mut()) {
+                debug_assert_eq!(hot.time, 0.0);
+                hot.position = container.wrap(hot.position);
+                center_sphere(container, growth, (end, most_skin), hot, cold);
+            }
+        });
+        Ok(())
     }
 
     /// Puts the NNL sphere of a grain around its position.
     #[inline(always)]
-    fn center_sphere(&mut self, i: usize) {
-        let radius = self.last_radius(i);
-        let (start, rate) = self.growth.wall(self.hot[i].radius);
-        let contact = start + rate * self.end;
-        let cold = &mut self.cold[i];
-        cold.skin = cold.skin.clamp(LEAST_SKIN * radius, MOST_SKIN * radius).min(self.most_skin);
-        cold.cutoff = radius + cold.skin;
-        cold.center = self.hot[i].position;
-        cold.walls = self.container.walls_within(cold.center, contact.max(start) + cold.skin) as u8;
-    }
-
-    /// Whether two grains must know of each other, the second in some image.
-    #[inline(always)]
-    fn are_neighbours<const PERIODIC: bool>(&self, i: usize, j: usize, image: u32) -> bool {
-        let (a, b) = (&self.cold[i], &self.cold[j]);
-        let smaller = (a.cutoff - a.skin).min(b.cutoff - b.skin);
-        let range = a.cutoff + b.cutoff + self.growth.kappa * smaller;
-        let mut d: [f64; 3] = arrays::from_fn(|k| b.center[k] - a.center[k]);
-        if PERIODIC {
-            let shift = &self.shifts[image as usize];
-            d = arrays::from_fn(|k| d[k] + shift[k]);
-        }
-        d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < range * range
-    }
-
-    #[inline(always)]
-    fn fill_lists<const PERIODIC: bool>(&mut self) -> Result<(), OutOfMemory> {
-        let n = self.len();
-        // Every pair once, at the coarser of the two or the later in memory: a fine grain would search many levels
-        // whose cells are nearly empty.
-        let mut half: Vec<u32> = reserved(n * 8)?;
-        let mut ends: Vec<u32> = reserved(n)?;
-        let mut degree = filled(n, 0_u32)?;
-        for i in 0..n {
-            if i % GRAINS_PER_RESERVATION == 0 {
-                make_room(&mut half, HALF_PER_GRAIN * GRAINS_PER_RESERVATION.min(n))?;
-            }
-            let cutoff = self.cold[i].cutoff;
-            let from = half.len();
-            let center = self.cold[i].center;
-            let least_of_level = self.grid.least_of_level(cutoff);
-            self.grid.visit::<PERIODIC>(
-                center,
-                cutoff,
-                self.growth.kappa,
-                self.grid.finer(cutoff),
-                #[inline(always)]
-                |j, image| {
-                    let j_index = j as usize;
-                    if j_index == i {
-                        return;
-                    }
-                    if j_index > i && self.cold[j_index].cutoff > least_of_level {
-                        return;
-                    }
-                    if self.are_neighbours::<PERIODIC>(i, j_index, image) {
-                        half.push(j | image << GRAIN_BITS);
-                    }
-                },
-            );
-            for &entry in &half[from..] {
-                degree[(entry & GRAIN_MASK) as usize] += 1;
-            }
-            degree[i] += (half.len() - from) as u32;
-            ends.push(half.len() as u32);
-        }
-        let mut offset = 0;
-        for (cold, &degree) in self.cold.iter_mut().zip(&degree) {
-            cold.offset = offset;
-            (cold.len, cold.coarse_neighbours) = (0, 0);
-            cold.is_coarse = degree >= LEAST_NEIGHBOURS;
-            cold.capacity = degree + SPARE;
-            offset += cold.capacity;
-        }
-        self.lay_out_shortlists()?;
-        refill(&mut self.slab, offset as usize, 0)?;
-        self.slab_at_start = offset as usize;
-        let mut from = 0;
-        for i in 0..n {
-            let to = ends[i] as usize;
-            for &entry in &half[from..to] {
-                self.append(i, entry);
-                self.append((entry & GRAIN_MASK) as usize, mirror(entry, i));
-            }
-            from = to;
-        }
-        Ok(())
-    }
-
-    /// Gives every coarse grain an empty shortlist, to the limit of their number.
-    fn lay_out_shortlists(&mut self) -> Result<(), OutOfMemory> {
-        let coarse = self.cold.iter().filter(|cold| cold.is_coarse).count();
-        if coarse > 0 {
-            let n = self.len();
-            refill(&mut self.shortlist_of, n, 0)?;
-        }
-        let mut given = 0;
-        for (cold, own) in self.cold.iter_mut().zip(&mut self.shortlist_of) {
-            cold.is_coarse &= given < MOST_SHORTLISTS;
-            if cold.is_coarse {
-                *own = given as u32;
-                given += 1;
-            }
-        }
-        let missing = given.saturating_sub(self.shortlists.len());
-        make_room(&mut self.shortlists, missing)?;
-        self.shortlists.resize_with(given.max(self.shortlists.len()), Shortlist::default);
-        self.shortlists.iter_mut().for_each(Shortlist::clear);
-        Ok(())
+    pub(super) fn center_sphere(&mut self, i: usize) {
+        let bounds = (self.end, self.most_skin);
+        center_sphere(&self.container, self.growth, bounds, &self.hot[i], &mut self.cold[i]);
     }
 
     /// Notes that a list was refused memory, and ends the cycle.
     pub(crate) fn refuse(&mut self, refused: OutOfMemory) {
         self.refused = Some(refused);
         self.slab_at_start = 0;
-    }
-
-    #[inline(always)]
-    fn append(&mut self, grain: usize, entry: u32) {
-        let is_coarse = self.cold[(entry & GRAIN_MASK) as usize].is_coarse;
-        let cold = &mut self.cold[grain];
-        if cold.len == cold.capacity {
-            // A new place at the end of the slab; the old one stays empty until the next cycle.
-            let (from, len) = (cold.offset as usize, cold.len as usize);
-            let capacity = 2 * cold.capacity + SPARE;
-            if let Err(refused) = make_room(&mut self.slab, capacity as usize) {
-                self.refuse(refused);
-                return;
-            }
-            cold.offset = self.slab.len() as u32;
-            cold.capacity = capacity;
-            let capacity = cold.capacity as usize;
-            self.slab.extend_from_within(from..from + len);
-            self.slab.resize(cold.offset as usize + capacity, 0);
-        }
-        let at = (cold.offset + cold.len) as usize;
-        cold.len += 1;
-        if is_coarse {
-            let first = cold.offset as usize + usize::from(cold.coarse_neighbours);
-            cold.coarse_neighbours += 1;
-            self.slab[at] = self.slab[first];
-            self.slab[first] = entry;
-        } else {
-            self.slab[at] = entry;
-        }
-    }
-
-    #[inline(always)]
-    fn take_out(&mut self, grain: usize, entry: u32) {
-        let cold = &mut self.cold[grain];
-        let list = &mut self.slab[cold.offset as usize..(cold.offset + cold.len) as usize];
-        let Some(at) = position(list, entry) else { return };
-        let last = list.len() - 1;
-        cold.len -= 1;
-        let coarse = usize::from(cold.coarse_neighbours);
-        if at < coarse {
-            // The last of the coarse ones comes to its place, and the last of all to that.
-            list[at] = list[coarse - 1];
-            list[coarse - 1] = list[last];
-            cold.coarse_neighbours -= 1;
-        } else {
-            list[at] = list[last];
-        }
-        if cold.is_coarse {
-            self.shortlists[self.shortlist_of[grain] as usize].remove(entry);
-        }
-    }
-
-    /// Gives a grain whose record stands at the present a new NNL sphere and new
-    /// neighbours.
-    #[inline(never)]
-    pub(crate) fn rebuild_list<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S, i: usize) {
-        set.call(
-            #[inline(always)]
-            || self.rebuild_list_inlined::<PERIODIC>(i),
-        );
-    }
-
-    #[inline(always)]
-    fn rebuild_list_inlined<const PERIODIC: bool>(&mut self, i: usize) {
-        self.counts.list_rebuilds += 1;
-        let (offset, len) = (self.cold[i].offset as usize, self.cold[i].len as usize);
-        // Far apart in memory: asked for all at once, not one after the other.
-        for k in offset..offset + len {
-            prefetch(&self.cold, unpack(self.slab[k]).0);
-        }
-        for k in offset..offset + len {
-            self.prefetch_list(unpack(self.slab[k]).0);
-        }
-        for k in offset..offset + len {
-            let entry = self.slab[k];
-            self.take_out((entry & GRAIN_MASK) as usize, mirror(entry, i));
-        }
-        (self.cold[i].len, self.cold[i].coarse_neighbours) = (0, 0);
-        self.grid.remove(i as u32, self.cold[i].cell);
-        if PERIODIC {
-            self.hot[i].position = self.container.wrap(self.hot[i].position);
-        }
-        self.cold[i].rebuilds = self.cold[i].rebuilds.saturating_add(1);
-        if self.cold[i].rebuilds > 2 {
-            self.cold[i].adapt_skin();
-        }
-        let most = self.grid.top_mm() - self.last_radius(i);
-        self.cold[i].skin = self.cold[i].skin.min(most);
-        self.center_sphere(i);
-        let cutoff = self.cold[i].cutoff;
-        let center = self.cold[i].center;
-        self.cold[i].cell = self.grid.insert(i as u32, center, cutoff);
-        let mut found = std::mem::take(&mut self.found);
-        found.clear();
-        self.grid.visit::<PERIODIC>(
-            center,
-            cutoff,
-            self.growth.kappa,
-            self.grid.all(),
-            #[inline(always)]
-            |j, image| {
-                prefetch(&self.cold, j as usize);
-                found.push(j | image << GRAIN_BITS);
-            },
-        );
-        // By hand, for `retain` would not be compiled for the instruction set.
-        let mut kept = 0;
-        for at in 0..found.len() {
-            let (j, image) = unpack(found[at]);
-            if j != i && self.are_neighbours::<PERIODIC>(i, j, image as u32) {
-                found[kept] = found[at];
-                kept += 1;
-            }
-        }
-        found.truncate(kept);
-        for &entry in &found {
-            self.prefetch_list(unpack(entry).0);
-        }
-        for &entry in &found {
-            self.append(i, entry);
-            self.append((entry & GRAIN_MASK) as usize, mirror(entry, i));
-        }
-        self.found = found;
     }
 
     /// Brings all grains to one time and sets it to 0; contact radii are left to the caller.
@@ -569,6 +338,24 @@ impl System {
     }
 }
 
+/// Puts the NNL sphere of a grain around its position, in a cycle of a length and with a bound of the skin.
+#[inline(always)]
+fn center_sphere(
+    container: &Container,
+    growth: Growth,
+    (end, most_skin): (f64, f64),
+    hot: &Hot,
+    cold: &mut Cold,
+) {
+    let radius = growth.radius(hot.radius, end);
+    let (start, rate) = growth.wall(hot.radius);
+    let contact = start + rate * end;
+    cold.skin = cold.skin.clamp(LEAST_SKIN * radius, MOST_SKIN * radius).min(most_skin);
+    cold.cutoff = radius + cold.skin;
+    cold.center = hot.position;
+    cold.walls = container.walls_within(cold.center, contact.max(start) + cold.skin) as u8;
+}
+
 /// Position on a Morton curve of 2^30 places, of a point in the unit cube.
 fn morton(p: [f64; 3]) -> u32 {
     let mut key = 0;
@@ -579,19 +366,6 @@ fn morton(p: [f64; 3]) -> u32 {
         }
     }
     key
-}
-
-/// Where an entry stands in a list: sixteen comparisons at once.
-#[inline(always)]
-fn position(list: &[u32], entry: u32) -> Option<usize> {
-    let mut from = 0;
-    for chunk in list.chunks_exact(16) {
-        if chunk.iter().fold(0, |found, &e| found | u32::from(e == entry)) != 0 {
-            break;
-        }
-        from += 16;
-    }
-    list[from..].iter().position(|&e| e == entry).map(|at| from + at)
 }
 
 /// The entry under which a grain stands in the list of the one that an entry of its own names.

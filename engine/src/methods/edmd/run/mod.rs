@@ -10,6 +10,7 @@ mod forecast;
 mod report;
 
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use super::Expected;
@@ -96,6 +97,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) control: &'a dyn Control,
     /// What the run is expected to take; progress is predicted from it.
     pub(crate) expected: Expected,
+    /// Most threads; the outcome does not depend on their number.
+    pub(crate) threads: NonZeroUsize,
     pub(crate) moments: Moments,
     /// The gradient that swaps keep to.
     pub(crate) preference: Option<Preference>,
@@ -293,6 +296,7 @@ impl Run {
         if self.compression_cycles % CYCLES_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
             self.system.sort_along_curve()?;
         }
+        self.system.threads = frame.threads;
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
         let distance_to_jamming = match self.stage {

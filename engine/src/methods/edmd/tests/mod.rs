@@ -8,6 +8,7 @@
 mod bodies;
 mod collisions;
 mod double;
+mod lists;
 mod queue;
 mod reversal;
 mod roots;
