@@ -156,6 +156,8 @@ impl System {
             );
             pairs.ends.push(half.len() as u32);
         }
+        // Of many pieces, what they have to spare is much.
+        half.shrink_to_fit();
         Ok(())
     }
 
