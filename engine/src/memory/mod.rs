@@ -5,7 +5,10 @@
 //! asked for as huge pages ([`pages`]). None takes the last of the memory: what is small is not tried, a line of text
 //! for example, and its refusal would end the process.
 
+mod blocks;
 mod pages;
+
+pub(crate) use blocks::Blocks;
 
 /// What a block must leave to be had.
 const LEFT_BYTES: usize = 1 << 20;
@@ -73,20 +76,6 @@ pub(crate) fn refill<T: Clone>(vector: &mut Vec<T>, elements: usize, value: T) -
     Ok(())
 }
 
-/// Like [`refill`], with room for a sixteenth more where a vector is made: for what is filled again and again with
-/// somewhat more elements.
-pub(crate) fn refill_with_room<T: Clone>(
-    vector: &mut Vec<T>,
-    elements: usize,
-    value: T,
-) -> Result<(), OutOfMemory> {
-    if vector.capacity() < elements {
-        *vector = Vec::new();
-        *vector = reserved(elements + elements / 16)?;
-    }
-    refill(vector, elements, value)
-}
-
 /// Room for so many more elements, with some to spare as the vector grows.
 pub(crate) fn make_room<T>(vector: &mut Vec<T>, more: usize) -> Result<(), OutOfMemory> {
     let bytes = vector.len().saturating_add(more).saturating_mul(size_of::<T>());
@@ -124,15 +113,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_filled_again_has_room_for_somewhat_more() {
-        let mut used = vec![1_u8; 3];
-        refill_with_room(&mut used, 1600, 7).unwrap();
-        let block = used.as_ptr();
-        refill_with_room(&mut used, 1700, 8).unwrap();
-        assert_eq!((used.as_ptr(), used), (block, vec![8; 1700]));
-    }
-
-    #[test]
     fn a_refused_allocation_is_an_error_with_its_size() {
         let bytes = (isize::MAX as u64) / 2;
         assert_eq!(probe(bytes as usize), Err(OutOfMemory { bytes }));
@@ -141,10 +121,6 @@ mod tests {
         assert_eq!(make_room(&mut vec![0_u64; 2], 1 << 60), Err(OutOfMemory { bytes: (8 << 60) + 16 }));
         let mut used = vec![1, 2];
         assert_eq!(refill(&mut used, 1 << 61, 7), Err(OutOfMemory { bytes: 4 << 61 }));
-        assert_eq!(
-            refill_with_room(&mut used, 1 << 60, 7),
-            Err(OutOfMemory { bytes: (4 << 60) + (1 << 58) })
-        );
         refill(&mut used, 3, 7).unwrap();
         assert_eq!((used, copied(&[1, 2]).unwrap()), (vec![7, 7, 7], vec![1, 2]));
     }

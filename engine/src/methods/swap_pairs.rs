@@ -138,6 +138,11 @@ impl SwapPairs {
         self.site.swap(larger, smaller);
     }
 
+    /// Gives the memory back until the next [`Self::prepare`].
+    pub(crate) fn rest(&mut self) {
+        (self.site, self.limit) = (Vec::new(), Vec::new());
+    }
+
     /// Counts the swaps of a sweep, and steers the window.
     pub(crate) fn count(&mut self, tried: u64, accepted: u64) {
         self.tried += tried;

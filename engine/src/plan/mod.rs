@@ -218,7 +218,7 @@ impl Plan {
                 let placed = if grows { case.growth().start_fraction.min(case.filled) } else { case.filled };
                 memory_bytes(grains, placed / features.rsa_limit(None), features.spread(), grows)
             }
-            Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains)) as u64,
+            Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains, grows)) as u64,
         };
         check_limits(&mix, grains, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));

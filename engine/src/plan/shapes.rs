@@ -39,9 +39,11 @@ pub(super) struct Known {
     random_times_s: &'static [(f64, f64)],
     /// Time of the dense method, in s, by volume fraction.
     dense_times_s: &'static [(f64, f64)],
-    /// Memory per grain, in bytes.
-    bytes_per_grain: f64,
-    /// The same for every corner of a grain.
+    /// Memory per grain, in bytes, while grains grow.
+    bytes_per_growing_grain: f64,
+    /// The same where random addition places all of them.
+    bytes_per_placed_grain: f64,
+    /// More for every corner of a grain.
     bytes_per_corner: f64,
     /// What the estimates are worth.
     pub(super) extrapolation: &'static str,
@@ -52,7 +54,8 @@ const ELLIPSOIDS: Known = Known {
     dense_reach: 0.74,
     random_times_s: &[(0.50, 0.15), (0.55, 0.4), (0.60, 1.2), (0.63, 2.6)],
     dense_times_s: &[(0.50, 0.2), (0.60, 0.8), (0.65, 1.1), (0.70, 2.3), (0.73, 5.6), (0.75, 14.0)],
-    bytes_per_grain: 900.0,
+    bytes_per_growing_grain: 750.0,
+    bytes_per_placed_grain: 1050.0,
     bytes_per_corner: 0.0,
     extrapolation: "grains that are no spheres, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
 };
@@ -62,7 +65,8 @@ const POLYHEDRA: Known = Known {
     dense_reach: 0.68,
     random_times_s: &[(0.50, 0.7), (0.55, 3.3), (0.57, 7.0)],
     dense_times_s: &[(0.50, 1.0), (0.55, 2.0), (0.60, 3.6), (0.65, 8.0), (0.68, 30.0)],
-    bytes_per_grain: 800.0,
+    bytes_per_growing_grain: 800.0,
+    bytes_per_placed_grain: 800.0,
     bytes_per_corner: 48.0,
     extrapolation: "grains that are no spheres, taken to reach at most what polyhedra of 21 faces, stretched by \
                     1.5:1.2:1, by Fuller's curve do",
@@ -82,12 +86,13 @@ pub(super) fn known(shapes: &ShapeSampler) -> &'static Known {
 }
 
 /// Memory per grain, in bytes.
-pub(super) fn bytes_per_grain(shapes: &ShapeSampler) -> f64 {
+pub(super) fn bytes_per_grain(shapes: &ShapeSampler, grows: bool) -> f64 {
     let known = known(shapes);
+    let per_grain = if grows { known.bytes_per_growing_grain } else { known.bytes_per_placed_grain };
     let (templates, corners) = shapes
         .templates()
         .fold((0.0, 0.0), |(n, corners), template| (n + 1.0, corners + template.vertices().len() as f64));
-    known.bytes_per_grain + known.bytes_per_corner * if templates > 0.0 { corners / templates } else { 0.0 }
+    per_grain + known.bytes_per_corner * if templates > 0.0 { corners / templates } else { 0.0 }
 }
 
 /// The estimates of spheres of the same sizes, limited to what is known of the shapes.

@@ -117,7 +117,7 @@ fn memory_and_time_grow_with_the_grains() {
     let many = plan(&request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
     assert!((many.grains / few.grains - 8.0).abs() < 1e-9);
     assert!(
-        many.memory_bytes as f64 > 850.0 * many.grains && many.estimated_time_s > 7.0 * few.estimated_time_s
+        many.memory_bytes as f64 > 750.0 * many.grains && many.estimated_time_s > 7.0 * few.estimated_time_s
     );
     let limits = Limits { max_memory_bytes: 10_000_000, ..Limits::default() };
     let wanted = request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])));

@@ -80,7 +80,7 @@ pub fn pack_or_resume(
             };
             spheres::place(&job, &plan, resume, control)?
         }
-        Sampled::Solids(solids) => shaped::place(request, &mix, &solids, &plan, resume.as_ref(), control)?,
+        Sampled::Solids(solids) => shaped::place(request, &mix, solids, &plan, resume.as_ref(), control)?,
     };
 
     // What was found to be the largest distance is checked like one that is requested.

@@ -9,7 +9,7 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::gap::grain::ConvexShape;
-use crate::memory::{collected, copied, reserved};
+use crate::memory::{collected, reserved};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::{MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
@@ -26,9 +26,21 @@ struct Job<'a, S> {
     request: &'a PackingRequest,
     mix: &'a GradedMix,
     /// By equivalent diameter from the largest down.
-    shapes: &'a [S],
-    /// Makes grains of poses in the order of the shapes.
-    grains: &'a dyn Fn(Vec<Pose>) -> Result<Grains, PackError>,
+    shapes: Vec<S>,
+}
+
+/// Grains by their poses alone, in the order of the shapes.
+fn posed(poses: Vec<Pose>) -> Grains {
+    Grains::Solids(Solids { poses, ..Solids::default() })
+}
+
+/// What was placed as the grains that it is.
+fn named(placed: Placed, solids: Solids) -> Placed {
+    let poses = match placed.grains {
+        Grains::Solids(Solids { poses, .. }) => poses,
+        Grains::Spheres(_) => Vec::new(),
+    };
+    Placed { grains: Grains::Solids(Solids { poses, ..solids }), ..placed }
 }
 
 /// Which methods are tried.
@@ -58,33 +70,33 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
 pub(super) fn place(
     request: &PackingRequest,
     mix: &GradedMix,
-    solids: &Solids,
+    mut solids: Solids,
     plan: &Plan,
     resume: Option<&Resume>,
     control: &dyn Control,
 ) -> Result<Placed, PackError> {
-    let grains = |poses| {
-        let (templates, shapes) = (solids.templates.clone(), copied(&solids.shapes)?);
-        let aggregate = copied(&solids.aggregate)?;
-        Ok(Grains::Solids(Solids { templates, shapes, poses, aggregate }))
-    };
-    let grains = &grains;
     // Ellipsoids alone are worth a method of their own, which has no kinds to tell apart.
     if solids.kind() == GrainKind::Ellipsoids {
-        let mut ellipsoids = reserved(solids.len())?;
-        ellipsoids.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
-        return place_shapes(&Job { request, mix, shapes: &ellipsoids, grains }, plan, resume, control);
+        let mut shapes = reserved(solids.len())?;
+        shapes.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
+        // They are there once.
+        solids.shapes = Vec::new();
+        let (placed, shapes) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
+        solids.shapes = collected(shapes.into_iter().map(Solid::Ellipsoid))?;
+        return Ok(named(placed, solids));
     }
     let shapes = collected((0..solids.len()).map(|grain| solids.shape(grain)))?;
-    place_shapes(&Job { request, mix, shapes: &shapes, grains }, plan, resume, control)
+    let (placed, _) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
+    Ok(named(placed, solids))
 }
 
+/// Places the shapes of a job, by their poses alone, and gives them back.
 fn place_shapes<S: ConvexShape>(
-    job: &Job<'_, S>,
+    job: Job<'_, S>,
     plan: &Plan,
     resume: Option<&Resume>,
     control: &dyn Control,
-) -> Result<Placed, PackError> {
+) -> Result<(Placed, Vec<S>), PackError> {
     let share = &Part::new(control, 0.0, PACKING_SHARE);
     match route(job.request, plan) {
         // A checkpoint shows that growth had begun.
@@ -94,23 +106,25 @@ fn place_shapes<S: ConvexShape>(
                     let rest = Part::new(control, share.reached(), PACKING_SHARE);
                     job.grow(MonteCarloStop::default(), None, &rest).map(after_rsa)
                 }
-                other => other,
+                other => other.map(|placed| (placed, job.shapes)),
             }
         }
         Route::RsaThenMonteCarlo => job.grow(MonteCarloStop::default(), resume, share).map(after_rsa),
-        Route::Rsa { attempts_per_grain } => job.insert(attempts_per_grain, MOST_DRAWS, share),
+        Route::Rsa { attempts_per_grain } => {
+            job.insert(attempts_per_grain, MOST_DRAWS, share).map(|placed| (placed, job.shapes))
+        }
         Route::MonteCarlo(stop) => job.grow(stop, resume, share),
     }
 }
 
 /// Growth that followed a random sequential addition which did not reach the target.
-fn after_rsa(placed: Placed) -> Placed {
-    Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }
+fn after_rsa<S>((placed, shapes): (Placed, Vec<S>)) -> (Placed, Vec<S>) {
+    (Placed { method_used: MethodUsed::RsaThenMonteCarlo, ..placed }, shapes)
 }
 
 impl<S: ConvexShape> Job<'_, S> {
-    fn volume_fraction(&self, shapes: &[S]) -> f64 {
-        shapes.iter().map(ConvexShape::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
+    fn volume_fraction(&self) -> f64 {
+        self.shapes.iter().map(ConvexShape::volume_mm3).sum::<f64>() / self.mix.specimen_volume_mm3
     }
 
     fn rule(&self) -> DistanceRule {
@@ -136,7 +150,7 @@ impl<S: ConvexShape> Job<'_, S> {
         let start = Instant::now();
         let orientation = self.request.mix.orientation;
         let rsa = ShapeRsa {
-            shapes: self.shapes,
+            shapes: &self.shapes,
             specimen: &self.request.specimen,
             rule: self.rule(),
             attempts_per_grain,
@@ -145,9 +159,9 @@ impl<S: ConvexShape> Job<'_, S> {
         let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
         let preference = self.preference()?;
         let mut rng = stream(self.request.seed, Stream::Rsa);
-        let outcome = rsa.run_with(preference.as_ref(), most_draws, &mut rng, &control);
+        let outcome = rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, &control);
         if outcome.end == End::Complete {
-            return Ok(inserted((self.grains)(outcome.poses)?, outcome.statistics, start));
+            return Ok(inserted(posed(outcome.poses), outcome.statistics, start));
         }
         let counts = [outcome.poses.len(), self.shapes.len()];
         let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
@@ -156,11 +170,12 @@ impl<S: ConvexShape> Job<'_, S> {
 
     /// Hard-particle Monte Carlo.
     fn grow(
-        &self,
+        self,
         stop: MonteCarloStop,
         resume: Option<&Resume>,
         control: &dyn Control,
-    ) -> Result<Placed, PackError> {
+    ) -> Result<(Placed, Vec<S>), PackError> {
+        let (number, volume_fraction_asked) = (self.shapes.len(), self.volume_fraction());
         let orientation = self.request.mix.orientation;
         let maximize = match self.request.distance {
             Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
@@ -168,7 +183,7 @@ impl<S: ConvexShape> Job<'_, S> {
         };
         let preference = self.preference()?;
         let method = MonteCarlo {
-            shapes: self.shapes,
+            shapes: &[],
             specimen: &self.request.specimen,
             rule: self.rule(),
             maximize,
@@ -181,14 +196,15 @@ impl<S: ConvexShape> Job<'_, S> {
             keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
         };
         let distance_mm_asked = distance_asked_mm(self.request);
-        let ran = method.run(resume.map(|resume| resume.body.as_slice()), control);
-        let outcome = ran.map_err(|interrupted| match interrupted {
-            Interrupted::Stopped => stopped(self.shapes.len(), self.shapes.len()),
+        let body = resume.map(|resume| resume.body.as_slice());
+        let ran = method.run_with_own(self.shapes, body, control);
+        let (outcome, shapes) = ran.map_err(|interrupted| match interrupted {
+            Interrupted::Stopped => stopped(number, number),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
             Interrupted::NoStart => not_grown(GrowthStopped {
-                grains: self.shapes.len() as u64,
+                grains: number as u64,
                 volume_fraction_reached: 0.0,
-                volume_fraction_asked: self.volume_fraction(self.shapes),
+                volume_fraction_asked,
                 distance_mm_reached: None,
                 distance_mm_asked,
                 scale_reached: 0.0,
@@ -205,9 +221,9 @@ impl<S: ConvexShape> Job<'_, S> {
         let counted = outcome.statistics;
         if outcome.scale < 1.0 {
             return Err(not_grown(GrowthStopped {
-                grains: self.shapes.len() as u64,
+                grains: number as u64,
                 volume_fraction_reached: outcome.volume_fraction,
-                volume_fraction_asked: self.volume_fraction(self.shapes),
+                volume_fraction_asked,
                 distance_mm_reached: outcome.gap_mm,
                 distance_mm_asked,
                 scale_reached: outcome.scale,
@@ -223,7 +239,7 @@ impl<S: ConvexShape> Job<'_, S> {
             distance_mm: point.gap_mm,
             reduced_pressure: None,
         });
-        Ok(Placed {
+        let placed = Placed {
             growth_curve: growth_curve.collect(),
             statistics: Statistics {
                 rsa: Some(outcome.rsa),
@@ -247,7 +263,8 @@ impl<S: ConvexShape> Job<'_, S> {
             rsa_s: outcome.rsa_s,
             growth_s: Some(outcome.growth_s),
             method_used: MethodUsed::MonteCarlo,
-            grains: (self.grains)(outcome.poses)?,
-        })
+            grains: posed(outcome.poses),
+        };
+        Ok((placed, shapes))
     }
 }

@@ -12,7 +12,7 @@ use crate::arrays::Each as _;
 use crate::elementary::{cbrt, hypot, ln};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
-use crate::memory::{OutOfMemory, push, refill, refill_with_room};
+use crate::memory::{Blocks, OutOfMemory, refill};
 
 /// Largest ratio of radii in a level.
 const LEVEL_RATIO: f64 = 1.6;
@@ -32,15 +32,14 @@ struct Level {
     grains: Vec<u32>,
 }
 
-/// Memory of the lists that is used again.
+/// What lists are built of. It is given back with them: pushes, which need as much memory, come between two builds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lists {
     levels: Vec<Level>,
     level_of: Vec<u8>,
-    reach: Vec<f64>,
     /// Each pair once, as the second grain with its image; those of the first grain `i` end before `ends[i]`. Their
     /// directions are found a second time: kept, they would take 24 bytes a pair.
-    pairs: Vec<u32>,
+    pairs: Blocks<u32>,
     ends: Vec<u32>,
     next: Vec<u32>,
     /// By how much the gaps may widen.
@@ -54,7 +53,7 @@ impl Lists {
     /// # Errors
     /// When the system refuses memory.
     pub(super) fn build(
-        &mut self,
+        mut self,
         system: &mut System<impl ConvexShape>,
         shrink: f64,
         reserve: f64,
@@ -67,29 +66,26 @@ impl Lists {
         }
         self.sort(system)?;
         self.find(system, shrink)?;
+        (self.levels, self.level_of) = (Vec::new(), Vec::new());
         self.lay_out(system, shrink)
     }
 
     /// Sorts the grains into levels and cells.
     fn sort(&mut self, system: &System<impl ConvexShape>) -> Result<(), OutOfMemory> {
         let n = system.len();
-        refill(&mut self.reach, n, 0.0)?;
         refill(&mut self.level_of, n, 0)?;
-        let mut largest = 0.0_f64;
-        for (i, reach) in self.reach.iter_mut().enumerate() {
-            let (cold, d) = (&system.cold[i], system.hot[i].d);
-            *reach = cold.shape.outer_mm() + cold.skin + (system.gap(d, d) + self.reserve) / 2.0;
-            largest = largest.max(*reach);
-        }
+        let largest = (0..n).map(|i| self.reach(system, i)).fold(0.0, f64::max);
         // Gaps of pairs may exceed the mean of the gaps to grains of their own size by this, of no rule that there is.
         let level = |reach: f64| (ln(largest / reach) / ln(LEVEL_RATIO)) as u8;
         let mut tops = Vec::new();
-        for (level_of, &reach) in self.level_of.iter_mut().zip(&self.reach) {
-            *level_of = level(reach);
-            if tops.len() <= usize::from(*level_of) {
-                tops.resize(usize::from(*level_of) + 1, (0.0_f64, 0_usize));
+        for i in 0..n {
+            let reach = self.reach(system, i);
+            let number = level(reach);
+            self.level_of[i] = number;
+            if tops.len() <= usize::from(number) {
+                tops.resize(usize::from(number) + 1, (0.0_f64, 0_usize));
             }
-            let top = &mut tops[usize::from(*level_of)];
+            let top = &mut tops[usize::from(number)];
             *top = (top.0.max(reach), top.1 + 1);
         }
         self.levels.resize_with(tops.len(), Level::default);
@@ -122,19 +118,26 @@ impl Lists {
         Ok(())
     }
 
+    /// How far a grain reaches from its centre: radius, skin and half the gap.
+    #[inline(always)]
+    fn reach(&self, system: &System<impl ConvexShape>, i: usize) -> f64 {
+        let (cold, d) = (&system.cold[i], system.hot[i].d);
+        cold.shape.outer_mm() + cold.skin + (system.gap(d, d) + self.reserve) / 2.0
+    }
+
     /// Finds the pairs: each grain looks at its own level and at the finer ones.
     fn find(&mut self, system: &System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
-        let mut pairs = std::mem::take(&mut self.pairs);
-        pairs.clear();
+        self.next = Vec::new();
+        let mut pairs = Blocks::default();
         refill(&mut self.ends, system.len(), 0)?;
         let is_periodic = system.container.is_periodic();
         let bounds = system.container.bounds().each(|length| length * system.stretch);
         for i in 0..system.len() {
             let own = usize::from(self.level_of[i]);
-            let center = system.hot[i].center;
+            let (center, own_reach) = (system.hot[i].center, self.reach(system, i));
             for (number, level) in self.levels.iter().enumerate().skip(own) {
                 // Distances are as they will be when the specimen has shrunk.
-                let reach = (self.reach[i] + level.reach) * shrink;
+                let reach = (own_reach + level.reach) * shrink;
                 let images = if is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
                 for image in images {
                     let shift = system.shift(image);
@@ -150,11 +153,10 @@ impl Lists {
                             return;
                         }
                         if self.direction(system, i, j as usize, shift, shrink).is_some() {
-                            push(&mut pairs, pack(j as usize, image), &mut refused);
+                            pairs.push(pack(j as usize, image), &mut refused);
                         }
                     });
                     if let Some(refused) = refused {
-                        self.pairs = pairs;
                         return Err(refused);
                     }
                 }
@@ -213,24 +215,23 @@ impl Lists {
         let mut first = 0;
         for (i, &end) in self.ends.iter().enumerate() {
             self.next[i] += end - first;
-            for &pair in &self.pairs[first as usize..end as usize] {
-                self.next[unpack(pair).0] += 1;
-            }
             first = end;
+        }
+        for &pair in self.pairs.iter() {
+            self.next[unpack(pair).0] += 1;
         }
         let mut total = 0_usize;
         for i in 0..n {
             let walls = walls(system, i, shrink, self.reserve);
             let lanes = self.next[i] as usize + walls.count_ones() as usize;
             let count = lanes.div_ceil(LANES);
-            let cold = &mut system.cold[i];
-            (cold.first, cold.count) = (total as u32, count as u32);
+            system.cold[i].list.set_groups(total, count);
             self.next[i] = (LANES * total) as u32;
             total += count;
         }
         system.groups = {
             let mut groups = std::mem::take(&mut system.groups);
-            refill_with_room(&mut groups, total, Group::EMPTY)?;
+            refill(&mut groups, total, Group::EMPTY)?;
             groups
         };
         for i in 0..n {
@@ -241,15 +242,16 @@ impl Lists {
                 system.groups[at / LANES].neighbors[at % LANES] = WALL + wall;
                 system.lay_wall(i, at / LANES, at % LANES, system.hot[i].d);
             }
-            let reach = self.reach[i] * shrink;
+            let reach = self.reach(system, i) * shrink;
             let (is_near_lateral, is_near_itself) = is_special(system, i, reach, shrink, self.reserve);
-            let cold = &mut system.cold[i];
-            (cold.is_near_lateral, cold.is_near_itself) = (is_near_lateral, is_near_itself);
+            system.cold[i].list.mark_near(is_near_lateral, is_near_itself);
         }
+        let pairs = std::mem::take(&mut self.pairs);
+        let mut pairs = pairs.iter();
         let mut first = 0;
         for i in 0..n {
-            for at in first..self.ends[i] {
-                self.lay_pair(system, i, self.pairs[at as usize], shrink);
+            for &pair in pairs.by_ref().take((self.ends[i] - first) as usize) {
+                self.lay_pair(system, i, pair, shrink);
             }
             first = self.ends[i];
         }
@@ -266,7 +268,7 @@ impl Lists {
             at
         });
         let mut put = |at: usize, neighbor: u32, of: usize, mirror: usize| {
-            let place = mirror - LANES * system.cold[of].first as usize;
+            let place = mirror - LANES * system.cold[of].list.first as usize;
             system.groups[at / LANES].enter(at % LANES, neighbor, place);
         };
         put(at, neighbor, j, mirror);

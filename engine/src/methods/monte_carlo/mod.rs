@@ -31,7 +31,7 @@ use crate::control::{Control, Part};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
-use crate::memory::{OutOfMemory, reserved};
+use crate::memory::OutOfMemory;
 use crate::methods::rsa;
 use crate::methods::rsa_shapes::{MOST_DRAWS, Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
@@ -62,6 +62,7 @@ const STARTS: u32 = 60;
 const START_SHARE: f64 = 0.05;
 
 /// What is to be packed densely.
+#[derive(Clone, Copy)]
 pub struct MonteCarlo<'a, S> {
     /// Grains by equivalent diameter from the largest down, [`MAX_GRAINS`] at most.
     pub shapes: &'a [S],
@@ -203,6 +204,34 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
     /// # Errors
     /// When the control stopped it, or the system refused memory.
     pub fn run(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Outcome, Interrupted> {
+        let mut run = self.begin(resume, control)?;
+        let end = run.grow(self, control)?;
+        run.forget_lists();
+        run.outcome(self, end)
+    }
+
+    /// The same for shapes of its own, whatever `self` has, which it returns as well. They are given up while the
+    /// grains grow: each grain has its shape then.
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub(crate) fn run_with_own(
+        self,
+        shapes: Vec<S>,
+        resume: Option<&[u8]>,
+        control: &dyn Control,
+    ) -> Result<(Outcome, Vec<S>), Interrupted> {
+        let of = Self { shapes: &[], ..self };
+        let mut run = MonteCarlo { shapes: &shapes, ..self }.begin(resume, control)?;
+        drop(shapes);
+        let end = run.grow(&of, control)?;
+        run.forget_lists();
+        let shapes = run.shapes()?;
+        Ok((run.outcome(&of, end)?, shapes))
+    }
+
+    /// The run as it begins, or as it was at a checkpoint. From here on the shapes are those of its grains.
+    fn begin(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Run<S>, Interrupted> {
         let started = Instant::now();
         let earlier = match resume.map(|body| Run::read(self, body, started)) {
             Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
@@ -212,12 +241,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
             }
             read => read.and_then(Result::ok),
         };
-        let mut run = match earlier {
-            Some(run) => run,
-            None => self.start(started, control)?,
-        };
-        let end = run.grow(self, control)?;
-        run.outcome(self, end)
+        earlier.map_or_else(|| self.start(started, control), Ok)
     }
 
     /// Random addition to grow from.
@@ -234,22 +258,20 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let mut statistics = RsaStatistics::default();
         let control = Part::new(control, 0.0, START_SHARE);
         for _ in 0..STARTS {
-            let mut shapes = reserved(self.shapes.len())?;
-            shapes.extend(self.shapes.iter().filter_map(|shape| shape.scaled(scale)));
             let rsa = ShapeRsa {
-                shapes: &shapes,
+                shapes: self.shapes,
                 specimen: self.specimen,
                 rule: self.rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
                 orientation: self.orientation,
             };
-            let outcome = rsa.run_with(self.preference, MOST_DRAWS, &mut rng, &control);
+            let outcome = rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control);
             statistics.attempts += outcome.statistics.attempts;
             statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
             statistics.voxels_tested += outcome.statistics.voxels_tested;
             match outcome.end {
                 rsa::End::Complete => {
-                    let mut run = Run::new(self, &outcome.poses, scale, started)?;
+                    let mut run = Run::new(self, outcome.poses, scale, started)?;
                     (run.rsa, run.rsa_s) = (statistics, started.elapsed().as_secs_f64());
                     return Ok(run);
                 }

@@ -300,7 +300,7 @@ impl<S: ConvexShape> System<S> {
             FAR => self.place_of(j, pack(i, opposite(image))),
             place => u32::from(place),
         };
-        let (at, mirror) = ((LANES * group + lane) as u32, LANES as u32 * other.first + place);
+        let (at, mirror) = ((LANES * group + lane) as u32, LANES as u32 * other.list.first + place);
         if slack < 0.0 {
             return NewPlanes { at, mirror, normal, offset: -NEVER, other_offset: -NEVER };
         }
@@ -319,7 +319,7 @@ impl<S: ConvexShape> System<S> {
     #[cold]
     fn place_of(&self, i: usize, neighbor: u32) -> u32 {
         let cold = &self.cold[i];
-        let groups = &self.groups[cold.first as usize..(cold.first + cold.count) as usize];
+        let groups = &self.groups[cold.list.groups()];
         let place = groups.iter().flat_map(|group| group.neighbors).position(|listed| listed == neighbor);
         debug_assert!(place.is_some(), "a pair that one of its grains does not list");
         place.map_or(0, |place| place as u32)

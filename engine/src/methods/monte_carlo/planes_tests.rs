@@ -27,7 +27,7 @@ fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
         poses.push(Pose { center_mm, orientation: uniform_orientation(rng) });
     }
     let rule = DistanceRule::new(&distance, &specimen);
-    let mut system = System::new(&specimen, rule, &shapes, &poses).unwrap();
+    let mut system = System::new(&specimen, rule, &shapes, poses).unwrap();
     system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
     Lists::default().build(&mut system, 0.98, 0.05).unwrap();
     system
@@ -39,7 +39,7 @@ fn held(system: &System<Ellipsoid>) -> (f64, bool) {
     let (mut widest, mut is_open) = (0.0_f64, false);
     for i in 0..system.len() {
         let cold = &system.cold[i];
-        let groups = cold.first as usize..(cold.first + cold.count) as usize;
+        let groups = cold.list.groups();
         for (group, lane) in groups.flat_map(|group| (0..LANES).map(move |lane| (group, lane))) {
             let planes = &system.groups[group];
             let (neighbor, n) = (planes.neighbors[lane], planes.normal(lane));
@@ -55,7 +55,7 @@ fn held(system: &System<Ellipsoid>) -> (f64, bool) {
             let place = system.place_of(j, pack(i, opposite(image)));
             assert_eq!(u32::from(planes.mirrors[lane]), place);
             let (there, other) = (place as usize, &system.cold[j]);
-            let mirror = &system.groups[other.first as usize + there / LANES];
+            let mirror = &system.groups[other.list.first as usize + there / LANES];
             assert_eq!(mirror.normal(there % LANES), n.each(|c| -c));
             if planes.offsets[lane] < -1e29 {
                 assert!(mirror.offsets[there % LANES] < -1e29);
@@ -134,12 +134,12 @@ fn pairs_whose_gap_the_rounded_normal_does_not_show_are_always_decided() {
         let poses = poses.map(|center_mm| Pose { center_mm, orientation: uniform_orientation(rng) });
         let sphere = Ellipsoid::new([1.0; 3]).unwrap();
         let rule = DistanceRule::new(&none, &specimen);
-        let mut system = System::new(&specimen, rule, &[sphere; 2], &poses).unwrap();
+        let mut system = System::new(&specimen, rule, &[sphere; 2], poses.to_vec()).unwrap();
         system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
         Lists::default().build(&mut system, 1.0, 0.0).unwrap();
         assert!(system.is_clear());
         for i in 0..2 {
-            let group = &system.groups[system.cold[i].first as usize];
+            let group = &system.groups[system.cold[i].list.first as usize];
             let along = dot(group.unit(0), n.into()).abs();
             // A direction that is exact shows the gap.
             assert!(group.offsets[0] == -NEVER || 1.0 - along < 1e-13, "{:?}", group.offsets);
@@ -156,10 +156,9 @@ fn a_place_beyond_sixteen_bits_is_looked_for() {
     assert_eq!(group.mirrors, [65_534, FAR, FAR, FAR]);
     let mut system = system(1, true);
     let found = |system: &System<Ellipsoid>| -> Vec<u32> {
-        let pairs = (0..system.len()).flat_map(|i| (0..system.cold[i].count).map(move |group| (i, group)));
+        let pairs = (0..system.len()).flat_map(|i| system.cold[i].list.groups().map(move |group| (i, group)));
         pairs
             .filter_map(|(i, group)| {
-                let group = (system.cold[i].first + group) as usize;
                 let is_pair = system.groups[group].neighbors[0] < WALL;
                 is_pair.then(|| system.decide(i, &system.hot[i], group, 0))
             })

@@ -7,13 +7,13 @@
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
 use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall, unpack};
-use super::system::{Hot, System, rotation, turned};
+use super::system::{Hot, Moved, System, rotation, turned};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::elementary::hypot;
-use crate::gap::grain::{ConvexShape, Orientation, PushContact, Turned};
+use crate::gap::grain::{ConvexShape, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
-use crate::memory::{OutOfMemory, refill};
+use crate::memory::{Blocks, OutOfMemory, collected, refill};
 
 /// Overlaps are pushed apart by this share of their depth,
 const BEYOND: f64 = 1.05;
@@ -50,10 +50,11 @@ pub(super) struct Pushed {
     pub(super) pushes: u64,
 }
 
-/// Poses to go back to, and the grains that look again.
+/// What it takes to go back, beside the poses of the grains that were moved, and the grains that look again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pusher {
-    saved: Vec<(Vector, Orientation, Vector)>,
+    /// The last bits of the centre of each grain, and of where its list was built: scaling leaves the others.
+    saved: Vec<[[u8; 3]; 2]>,
     saved_stretch: f64,
     saved_more: f64,
     active: Vec<bool>,
@@ -74,10 +75,11 @@ impl Pusher {
         most_sweeps: u32,
     ) -> Result<Pushed, OutOfMemory> {
         let n = system.len();
-        self.saved.clear();
-        crate::memory::make_room(&mut self.saved, n)?;
         let both = system.hot.iter().zip(&system.cold);
-        self.saved.extend(both.map(|(hot, cold)| (hot.center, cold.orientation, cold.listed_center)));
+        self.saved =
+            collected(both.map(|(hot, cold)| [hot.center, cold.listed_center].each(|x| x.each(last_bits))))?;
+        system.moved = Blocks::reserved(n)?;
+        system.cold.iter_mut().for_each(|cold| cold.list.mark_moved(false));
         (self.saved_stretch, self.saved_more) = (system.stretch, system.more);
         match by {
             Tighten::Shrink(factor) => system.scale(factor),
@@ -127,7 +129,7 @@ impl Pusher {
     #[inline(always)]
     fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl ConvexShape>, i: usize) -> u64 {
         let mut pushes = 0;
-        let range = system.cold[i].first as usize..(system.cold[i].first + system.cold[i].count) as usize;
+        let range = system.cold[i].list.groups();
         let mut spread = system.spread(set, i, &system.hot[i]);
         let none = set.splat(0.0);
         for group in range {
@@ -168,7 +170,7 @@ impl Pusher {
             }
         }
         let cold = &system.cold[i];
-        if cold.is_near_lateral {
+        if cold.list.is_near_lateral() {
             let (slack, n) = system.lateral_slack(&system.hot[i]);
             if slack < 0.0 {
                 system.push_from_wall(i, n, -slack);
@@ -176,7 +178,7 @@ impl Pusher {
                 pushes += 1;
             }
         }
-        if system.cold[i].is_near_itself && !system.clears_itself(&system.hot[i]) {
+        if system.cold[i].list.is_near_itself() && !system.clears_itself(&system.hot[i]) {
             // No push helps a grain that meets its own image.
             self.next[i] = true;
             pushes += 1;
@@ -214,7 +216,7 @@ impl Pusher {
         let mut is_possible = true;
         for i in (0..system.len()).filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
-            for group in cold.first as usize..(cold.first + cold.count) as usize {
+            for group in cold.list.groups() {
                 for lane in 0..LANES {
                     let planes = &system.groups[group];
                     let neighbor = planes.neighbors[lane];
@@ -247,7 +249,7 @@ impl Pusher {
                     }
                 }
             }
-            if cold.is_near_lateral {
+            if cold.list.is_near_lateral() {
                 let (slack, _) = system.lateral_slack(&hot);
                 if slack < 0.0 {
                     let axis = system.container.bounds()[0] / 2.0 * system.stretch;
@@ -256,7 +258,7 @@ impl Pusher {
                     visit(axis - out, axis - out - slack);
                 }
             }
-            is_possible &= !cold.is_near_itself || system.clears_itself(&hot);
+            is_possible &= !cold.list.is_near_itself() || system.clears_itself(&hot);
         }
         is_possible
     }
@@ -287,15 +289,33 @@ impl Pusher {
             system.scale(self.saved_stretch / system.stretch);
         }
         system.stretch = self.saved_stretch;
-        for (i, &(center, orientation, listed_center)) in self.saved.iter().enumerate() {
-            let turned = system.cold[i].shape.turned(&rotation(orientation));
-            system.set_pose(i, center, orientation, turned);
-            system.cold[i].listed_center = listed_center;
+        let moved = std::mem::take(&mut system.moved);
+        for &Moved { site, center, orientation } in moved.iter() {
+            let turned = system.cold[site as usize].shape.turned(&rotation(orientation));
+            system.set_pose(site as usize, center, orientation, turned);
+        }
+        for ((hot, cold), last) in system.hot.iter_mut().zip(&mut system.cold).zip(&self.saved) {
+            for (x, last) in [&mut hot.center, &mut cold.listed_center].into_iter().zip(last) {
+                *x = [0, 1, 2].each(|a| with_last_bits(x[a], last[a]));
+            }
         }
         system.set_wall_planes();
         // Planes are laid anew where they are crossed; the packing was valid before, but for rounding.
         let _ = system.is_clear();
     }
+}
+
+/// The last bits of a number, from which [`with_last_bits`] finds it again.
+fn last_bits(x: f64) -> u8 {
+    x.to_bits() as u8
+}
+
+/// The number nearest to another one, of its sign, that has these last bits: there is one among 256 in a row. Scaling a
+/// number and scaling it back changes it by a few of them.
+fn with_last_bits(near: f64, last: u8) -> f64 {
+    let bits = near.to_bits();
+    let by = last.wrapping_sub(bits as u8) as i8;
+    f64::from_bits(bits.wrapping_add_signed(by.into()))
 }
 
 impl<S: ConvexShape> System<S> {
@@ -322,7 +342,7 @@ impl<S: ConvexShape> System<S> {
         let spread = self.spread(set, i, &hot);
         let none = set.splat(0.0);
         let mut is_clear = true;
-        for group in cold.first as usize..(cold.first + cold.count) as usize {
+        for group in cold.list.groups() {
             let crossed = spread.crosses(set, &self.groups[group], none);
             if !crossed.any() {
                 continue;
@@ -346,8 +366,8 @@ impl<S: ConvexShape> System<S> {
             }
         }
         is_clear
-            && (!cold.is_near_lateral || self.lateral_slack(&hot).0 >= 0.0)
-            && (!cold.is_near_itself || self.clears_itself(&hot))
+            && (!cold.list.is_near_lateral() || self.lateral_slack(&hot).0 >= 0.0)
+            && (!cold.list.is_near_itself() || self.clears_itself(&hot))
     }
 
     /// Scales the specimen, the centres and the planes. Planes that come closer are laid closer to their grains, so
@@ -361,9 +381,12 @@ impl<S: ConvexShape> System<S> {
             let (hot, cold) = (&mut self.hot[i], &mut self.cold[i]);
             hot.center = scaled(hot.center, factor);
             cold.listed_center = scaled(cold.listed_center, factor);
-            for group in &mut self.groups[cold.first as usize..(cold.first + cold.count) as usize] {
+            for group in &mut self.groups[cold.list.groups()] {
                 group.offsets = group.offsets.each(|offset| below(f64::from(offset) * factor - closer));
             }
+        }
+        for moved in self.moved.iter_mut() {
+            moved.center = scaled(moved.center, factor);
         }
         self.set_wall_planes();
     }
@@ -385,9 +408,9 @@ impl<S: ConvexShape> System<S> {
         }
         for i in 0..self.len() {
             let d = self.hot[i].d;
-            let first = LANES * self.cold[i].first as usize;
+            let groups = self.cold[i].list.groups();
             // Walls come first in every list.
-            for at in first..first + LANES * self.cold[i].count as usize {
+            for at in LANES * groups.start..LANES * groups.end {
                 let neighbor = self.groups[at / LANES].neighbors[at % LANES];
                 if !is_wall(neighbor) {
                     break;
@@ -442,8 +465,15 @@ impl<S: ConvexShape> System<S> {
         let orientation = turned(self.cold[i].orientation, turn);
         if self.skin_used(i, center, orientation) > self.cold[i].skin {
             self.held += 1;
-            self.cold[i].is_held = true;
+            self.cold[i].list.mark_held(true);
             return;
+        }
+        if !self.cold[i].list.is_moved() {
+            self.cold[i].list.mark_moved(true);
+            let before =
+                Moved { site: i as u32, center: self.hot[i].center, orientation: self.cold[i].orientation };
+            // There is room for all.
+            self.moved.push(before, &mut None);
         }
         let turned = self.cold[i].shape.turned(&rotation(orientation));
         self.set_pose(i, center, orientation, turned);
@@ -454,4 +484,23 @@ struct Impulse {
     per_mass: f64,
     weight: f64,
     turn: Vector,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_is_found_by_its_last_bits_where_scaling_leaves_it() {
+        for x in [0.0, -0.0, 1.0, -1.0, 75.123_456_789, -1e-300, 4.0 - 1e-15, 2.0, f64::MIN_POSITIVE] {
+            for factor in [0.995, 1.0 / 3.0, 1.0 - 1e-14] {
+                let scaled = x * factor * 1.002 * (1.0 / (factor * 1.002));
+                assert_eq!(with_last_bits(scaled, last_bits(x)).to_bits(), x.to_bits(), "{x} by {factor}");
+            }
+            for by in [-127, -1, 0, 1, 127] {
+                let near = f64::from_bits((x.abs() + 1.0).to_bits().wrapping_add_signed(by));
+                assert_eq!(with_last_bits(near, last_bits(x.abs() + 1.0)), x.abs() + 1.0);
+            }
+        }
+    }
 }

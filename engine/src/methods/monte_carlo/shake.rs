@@ -136,7 +136,7 @@ pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     let spread = system.spread(set, i, as_if);
     let more = more * LONGEST;
     let more_lanes = set.splat(more);
-    for group in cold.first as usize..(cold.first + cold.count) as usize {
+    for group in cold.list.groups() {
         let crossed = spread.crosses(set, &system.groups[group], more_lanes);
         if !crossed.any() {
             continue;
@@ -155,8 +155,8 @@ pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
             }
         }
     }
-    if cold.is_near_lateral && system.lateral_slack(as_if).0 < 0.0 {
+    if cold.list.is_near_lateral() && system.lateral_slack(as_if).0 < 0.0 {
         return false;
     }
-    !cold.is_near_itself || system.clears_itself(as_if)
+    !cold.list.is_near_itself() || system.clears_itself(as_if)
 }

@@ -13,7 +13,7 @@ use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
 use crate::elementary::ln;
 use crate::gap::grain::ConvexShape;
-use crate::memory::OutOfMemory;
+use crate::memory::{OutOfMemory, filled};
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::rng::uniform;
 use crate::segregation::Preference;
@@ -24,11 +24,8 @@ const SKIN_SHARE: f64 = 0.5;
 const AHEAD: usize = 8;
 
 /// What swaps know of the grains, by rank.
-pub(super) struct SwapGrains<'a, S> {
+pub(super) struct SwapGrains<'a> {
     pub(super) families: &'a Families,
-    pub(super) shapes: &'a [S],
-    /// Equivalent diameters.
-    pub(super) diameters: &'a [f64],
     pub(super) preference: Option<&'a Preference>,
 }
 
@@ -39,7 +36,7 @@ pub(super) struct SwapGrains<'a, S> {
 /// When the system refuses memory.
 pub(super) fn sweep<S: ConvexShape>(
     pairs: &mut SwapPairs,
-    grains: &SwapGrains<'_, S>,
+    grains: &SwapGrains<'_>,
     system: &mut System<S>,
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
@@ -47,13 +44,19 @@ pub(super) fn sweep<S: ConvexShape>(
     if system.len() < 2 {
         return Ok(());
     }
-    pairs.prepare(grains.families, &system.rank, grains.diameters)?;
+    let mut diameters = filled(system.len(), 0.0)?;
+    for (hot, &rank) in system.hot.iter().zip(&system.rank) {
+        diameters[rank as usize] = hot.d;
+    }
+    pairs.prepare(grains.families, &system.rank, &diameters)?;
+    drop(diameters);
     let cpu = system.cpu;
     let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
         #[inline(always)]
         || try_pairs(set, pairs, grains, system, tries, rng)
     ));
     pairs.count(tried, accepted);
+    pairs.rest();
     Ok(())
 }
 
@@ -62,12 +65,12 @@ pub(super) fn sweep<S: ConvexShape>(
 fn try_pairs<I: InstructionSet, S: ConvexShape>(
     set: I,
     pairs: &mut SwapPairs,
-    grains: &SwapGrains<'_, S>,
+    grains: &SwapGrains<'_>,
     system: &mut System<S>,
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> (u64, u64) {
-    let SwapGrains { families, shapes, .. } = grains;
+    let families = grains.families;
     let (mut tried, mut accepted) = (0, 0);
     let mut left = tries;
     while left > 0 {
@@ -85,16 +88,17 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
         }
         for pair in &drawn[..count] {
             let cold = &system.cold[pairs.site(pair[1])];
-            for group in 0..cold.count as usize {
-                prefetch(&system.groups, cold.first as usize + group);
+            for group in cold.list.groups() {
+                prefetch(&system.groups, group);
             }
         }
         for &[larger, smaller] in &drawn[..count] {
-            if larger == smaller || shapes[families.rank(larger)].is_same(&shapes[families.rank(smaller)]) {
+            let sites = [larger, smaller].each(|place| pairs.site(place));
+            let shape = |site: usize| &system.cold[site].shape;
+            if larger == smaller || shape(sites[0]).is_same(shape(sites[1])) {
                 continue;
             }
             tried += 1;
-            let sites = [larger, smaller].each(|place| pairs.site(place));
             let is_preferred = grains.preference.is_none_or(|preference| {
                 let ranks = [larger, smaller].each(|place| families.rank(place));
                 // The specimen is larger than requested by the stretch while the grains have their size.
@@ -176,7 +180,7 @@ fn swap<I: InstructionSet>(set: I, system: &mut System<impl ConvexShape>, i: usi
 /// Whether two sites are in each other's lists.
 fn are_neighbors(system: &System<impl ConvexShape>, i: usize, j: usize) -> bool {
     let cold = &system.cold[i];
-    let groups = &system.groups[cold.first as usize..(cold.first + cold.count) as usize];
+    let groups = &system.groups[cold.list.groups()];
     groups
         .iter()
         .flat_map(|group| group.neighbors)
@@ -194,8 +198,7 @@ impl<S: ConvexShape> System<S> {
 
     /// Brings the planes of a grain, but not those of its neighbours, closer to it, for the gaps of its new diameter.
     fn come_closer(&mut self, i: usize, more: f64, d: f64) {
-        let (first, count) = (self.cold[i].first as usize, self.cold[i].count as usize);
-        for group in first..first + count {
+        for group in self.cold[i].list.groups() {
             for lane in 0..LANES {
                 let neighbor = self.groups[group].neighbors[lane];
                 if neighbor != NOBODY && is_wall(neighbor) {

@@ -4,13 +4,15 @@
 //! requested by `1 / s`, the stretch. That is the growth of all lengths by `s`, seen from the grains; nothing but
 //! centres and planes changes with it.
 
+use std::ops::Range;
+
 use super::planes::Group;
 use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Orientation, Turned};
 use crate::gap::linear::{Vector, dot};
-use crate::memory::{OutOfMemory, collected, reserved};
+use crate::memory::{Blocks, OutOfMemory, collected, reserved};
 use crate::request::{Boundary, Specimen};
 use crate::shape::Pose;
 
@@ -36,17 +38,80 @@ pub(super) struct Cold<S> {
     pub(super) listed_orientation: Orientation,
     /// How far the grain may come out of where its list was built.
     pub(super) skin: f64,
-    /// Factor on the skin: more than 1 for grains that were held by theirs lately.
-    pub(super) margin: f64,
-    /// Whether the grain was held by its skin since its list was built.
-    pub(super) is_held: bool,
-    /// Its planes are `groups[first..first + count]`.
+    pub(super) list: List,
+}
+
+/// The planes of a grain, as groups of the system, and what is marked for it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct List {
     pub(super) first: u32,
-    pub(super) count: u32,
-    /// Whether it can come close to the lateral surface of a cylinder.
-    pub(super) is_near_lateral: bool,
-    /// Whether it can come close to an image of its own.
-    pub(super) is_near_itself: bool,
+    /// The number of groups above four marks: a word of their own would be eight bytes of a grain.
+    count_and_marks: u32,
+}
+
+impl List {
+    const MARKS: u32 = 4;
+    const IS_HELD: u32 = 1;
+    const IS_NEAR_LATERAL: u32 = 2;
+    const IS_NEAR_ITSELF: u32 = 4;
+    const IS_MOVED: u32 = 8;
+
+    const ALL: u32 = (1 << Self::MARKS) - 1;
+
+    /// Makes it a list of so many groups. What is marked stays.
+    pub(super) fn set_groups(&mut self, first: usize, count: usize) {
+        debug_assert!(count < 1 << (u32::BITS - Self::MARKS));
+        self.first = first as u32;
+        self.count_and_marks = (count as u32) << Self::MARKS | self.count_and_marks & Self::ALL;
+    }
+
+    #[inline(always)]
+    pub(super) fn groups(self) -> Range<usize> {
+        let first = self.first as usize;
+        first..first + (self.count_and_marks >> Self::MARKS) as usize
+    }
+
+    /// Whether the grain was held by its skin since the list was built.
+    pub(super) fn is_held(self) -> bool {
+        self.count_and_marks & Self::IS_HELD != 0
+    }
+
+    pub(super) fn mark_held(&mut self, is_held: bool) {
+        self.mark(Self::IS_HELD, is_held);
+    }
+
+    /// Whether the grain can come close to the lateral surface of a cylinder.
+    #[inline(always)]
+    pub(super) fn is_near_lateral(self) -> bool {
+        self.count_and_marks & Self::IS_NEAR_LATERAL != 0
+    }
+
+    /// Whether the grain can come close to an image of its own.
+    #[inline(always)]
+    pub(super) fn is_near_itself(self) -> bool {
+        self.count_and_marks & Self::IS_NEAR_ITSELF != 0
+    }
+
+    pub(super) fn mark_near(&mut self, lateral: bool, itself: bool) {
+        self.mark(Self::IS_NEAR_LATERAL, lateral);
+        self.mark(Self::IS_NEAR_ITSELF, itself);
+    }
+
+    /// Whether a push has moved the grain, so that its pose before is kept.
+    #[inline(always)]
+    pub(super) fn is_moved(self) -> bool {
+        self.count_and_marks & Self::IS_MOVED != 0
+    }
+
+    #[inline(always)]
+    pub(super) fn mark_moved(&mut self, is_moved: bool) {
+        self.mark(Self::IS_MOVED, is_moved);
+    }
+
+    #[inline(always)]
+    fn mark(&mut self, mark: u32, is_set: bool) {
+        self.count_and_marks = self.count_and_marks & !mark | if is_set { mark } else { 0 };
+    }
 }
 
 /// The specimen at no stretch.
@@ -87,7 +152,7 @@ impl Container {
     }
 
     /// The axes with a pair of plane walls.
-    pub(super) fn walled_axes(&self) -> std::ops::Range<usize> {
+    pub(super) fn walled_axes(&self) -> Range<usize> {
         match self {
             Self::Box { .. } => 0..3,
             Self::Periodic { .. } => 0..0,
@@ -132,26 +197,37 @@ pub(super) struct System<S: ConvexShape> {
     pub(super) groups: Vec<Group>,
     /// Displacements that were not made, for they would have led out of a skin.
     pub(super) held: u64,
+    /// The poses that grains had before a push displaced them, with room for all grains while one does; of other grains
+    /// it changes the scale alone.
+    pub(super) moved: Blocks<Moved>,
+}
+
+/// The pose that a grain had.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Moved {
+    pub(super) site: u32,
+    /// At the present scale.
+    pub(super) center: Vector,
+    pub(super) orientation: Orientation,
 }
 
 impl<S: ConvexShape> System<S> {
-    /// Grains at poses in the specimen at its requested size.
+    /// Grains at poses in the specimen at its requested size. The poses are given back before the half of the grains
+    /// that follows from the other is made.
     pub(super) fn new(
         specimen: &Specimen,
         rule: DistanceRule,
         shapes: &[S],
-        poses: &[Pose],
+        poses: Vec<Pose>,
     ) -> Result<Self, OutOfMemory> {
-        let order = along_a_curve(poses, specimen.bounds_mm())?;
-        let mut hot = reserved(shapes.len())?;
-        let mut cold = reserved(shapes.len())?;
-        for &rank in &order {
+        let rank = along_a_curve(&poses, specimen.bounds_mm())?;
+        let mut cold: Vec<Cold<S>> = reserved(shapes.len())?;
+        for &rank in &rank {
             let (shape, pose) = (&shapes[rank as usize], &poses[rank as usize]);
             let q = pose.orientation.quaternion();
             let orientation = shape.to_principal([q.w, q.i, q.j, q.k]);
             let center = pose.center_mm.into();
             let d = shape.equivalent_diameter_mm();
-            hot.push(Hot { center, turned: shape.turned(&rotation(orientation)), d });
             cold.push(Cold {
                 orientation,
                 shape: *shape,
@@ -159,14 +235,15 @@ impl<S: ConvexShape> System<S> {
                 listed_center: center,
                 listed_orientation: orientation,
                 skin: 0.0,
-                margin: 1.0,
-                is_held: false,
-                first: 0,
-                count: 0,
-                is_near_lateral: false,
-                is_near_itself: false,
+                list: List::default(),
             });
         }
+        drop(poses);
+        let hot = collected(cold.iter().map(|cold| Hot {
+            center: cold.listed_center,
+            turned: cold.shape.turned(&rotation(cold.orientation)),
+            d: cold.shape.equivalent_diameter_mm(),
+        }))?;
         Ok(Self {
             cpu: Cpu::detect(),
             container: Container::new(specimen),
@@ -176,9 +253,10 @@ impl<S: ConvexShape> System<S> {
             wall_share: 0.0,
             hot,
             cold,
-            rank: collected(order.iter().copied())?,
+            rank,
             groups: Vec::new(),
             held: 0,
+            moved: Blocks::default(),
         })
     }
 
@@ -297,8 +375,30 @@ fn along_a_curve(poses: &[Pose], bounds: Vector) -> Result<Vec<u32>, OutOfMemory
         }
         code
     };
+    // First what stays.
+    let mut order = reserved(poses.len())?;
     let mut keyed: Vec<(u64, u32)> = reserved(poses.len())?;
     keyed.extend(poses.iter().enumerate().map(|(rank, pose)| (code(pose), rank as u32)));
     keyed.sort_unstable();
-    collected(keyed.iter().map(|(_, rank)| *rank))
+    order.extend(keyed.iter().map(|(_, rank)| *rank));
+    Ok(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_keeps_its_marks_and_its_groups_apart() {
+        let mut list = List::default();
+        list.mark_held(true);
+        list.mark_near(false, true);
+        list.set_groups(7, 70_000);
+        assert_eq!((list.groups(), list.is_held(), list.is_moved()), (7..70_007, true, false));
+        list.mark_moved(true);
+        list.mark_held(false);
+        list.mark_near(true, false);
+        assert_eq!((list.groups(), list.is_held(), list.is_moved()), (7..70_007, false, true));
+        assert!(list.is_near_lateral() && !list.is_near_itself());
+    }
 }

@@ -3,6 +3,8 @@
 //!
 //! The lists are built for a stage; grains inserted since are chained to them.
 
+use nalgebra::UnitQuaternion;
+
 use super::Stage;
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
@@ -37,20 +39,13 @@ pub(super) struct Placed<T> {
     pub(super) turned: T,
     /// Radius of a sphere around it.
     pub(super) outer_mm: f64,
-    /// Rotation of its principal axes.
-    rows: [Vector; 3],
 }
 
 impl<T: Turned> Placed<T> {
     #[inline(always)]
     pub(super) fn new<S: ConvexShape<Turned = T>>(shape: &S, pose: &Pose) -> Self {
-        let rows = shape.rows(pose);
-        Self {
-            center_mm: pose.center_mm.into(),
-            turned: shape.turned(&rows),
-            outer_mm: shape.outer_mm(),
-            rows,
-        }
+        let turned = shape.turned(&shape.rows(pose));
+        Self { center_mm: pose.center_mm.into(), turned, outer_mm: shape.outer_mm() }
     }
 
     /// Whether the grain keeps a gap to another one, whose centre lies at `r` from its own.
@@ -60,40 +55,42 @@ impl<T: Turned> Placed<T> {
     }
 }
 
-/// A grain that was inserted.
+/// A grain that was inserted: what draws read of it. Its shape and its pose, of which the exclusion of the next stage
+/// is made, are the run's.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inserted<T> {
     pub(super) body: Placed<T>,
     pub(super) d_mm: f64,
-    /// Semi-axes of an ellipsoid that it holds.
-    inside_mm: Vector,
     /// Inverse shape matrix of the ellipsoid that no centre of a stage's grains lies in.
     excluded: Symmetric,
     /// One over that ellipsoid's shortest semi-axis.
     per_shortest: f64,
-    /// Gap and radii: beyond this distance of the centres there is nothing to test.
-    reach_mm: f64,
 }
 
 impl<T: Turned> Inserted<T> {
-    pub(super) fn new(body: Placed<T>, shape: &impl ConvexShape) -> Self {
-        Self {
-            body,
-            d_mm: shape.equivalent_diameter_mm(),
-            inside_mm: shape.inside_mm(),
-            excluded: Symmetric([0.0; 6]),
-            per_shortest: 0.0,
-            reach_mm: 0.0,
-        }
+    pub(super) fn new(body: Placed<T>, d_mm: f64) -> Self {
+        Self { body, d_mm, excluded: Symmetric([0.0; 6]), per_shortest: 0.0 }
     }
 
-    /// Makes the exclusion that of a stage.
-    pub(super) fn cover(&mut self, stage: &Stage, rule: &DistanceRule) {
-        let [largest, smallest] = stage.diameters.each(|d_mm| rule.gap_mm(d_mm, self.d_mm));
-        let axes = self.inside_mm.each(|axis| axis + stage.inner + smallest);
-        self.excluded = Symmetric::rotated_diagonal(&self.body.rows, axes.each(|axis| 1.0 / (axis * axis)));
+    /// Makes the exclusion that of a stage, for a grain of this shape and orientation.
+    pub(super) fn cover(
+        &mut self,
+        stage: &Stage,
+        rule: &DistanceRule,
+        shape: &impl ConvexShape,
+        orientation: UnitQuaternion<f64>,
+    ) {
+        let smallest = rule.gap_mm(stage.diameters[1], self.d_mm);
+        let axes = shape.inside_mm().each(|axis| axis + stage.inner + smallest);
+        let rows = shape.rows(&Pose { center_mm: self.body.center_mm.into(), orientation });
+        self.excluded = Symmetric::rotated_diagonal(&rows, axes.each(|axis| 1.0 / (axis * axis)));
         self.per_shortest = 1.0 / axes[2];
-        self.reach_mm = (self.body.outer_mm + stage.outer + largest) * (1.0 + 1e-12);
+    }
+
+    /// Gap and radii: beyond this distance of the centres a grain of the stage has nothing to test.
+    fn reach_mm(&self, stage: &Stage, rule: &DistanceRule) -> f64 {
+        let largest = rule.gap_mm(stage.diameters[0], self.d_mm);
+        (self.body.outer_mm + stage.outer + largest) * (1.0 + 1e-12)
     }
 
     /// Whether the exclusion covers a ball around a point, of the image at an offset.
@@ -155,14 +152,14 @@ impl Grid {
         };
         let mut starts = std::mem::take(&mut grid.starts);
         for one in inserted {
-            grid.for_each_touched(one, |cell, _| starts[cell + 1] += 1);
+            grid.for_each_touched(one, one.reach_mm(stage, rule), |cell, _| starts[cell + 1] += 1);
         }
         for i in 0..number {
             starts[i + 1] += starts[i];
         }
         let mut entries = filled(starts[number] as usize, 0)?;
         for (id, one) in inserted.iter().enumerate() {
-            grid.for_each_touched(one, |cell, image| {
+            grid.for_each_touched(one, one.reach_mm(stage, rule), |cell, image| {
                 entries[starts[cell] as usize] = entry(id, image);
                 starts[cell] += 1;
             });
@@ -173,13 +170,20 @@ impl Grid {
         Ok(grid)
     }
 
-    /// Adds a grain to the lists of all cells that it can matter to.
-    pub(super) fn insert(&mut self, id: usize, inserted: &Inserted<impl Turned>) -> Result<(), OutOfMemory> {
+    /// Adds a grain to the lists of all cells that it can matter to in a stage, that of the grid.
+    pub(super) fn insert(
+        &mut self,
+        id: usize,
+        inserted: &Inserted<impl Turned>,
+        stage: &Stage,
+        rule: &DistanceRule,
+    ) -> Result<(), OutOfMemory> {
+        let reach_mm = inserted.reach_mm(stage, rule);
         let mut touched = 0;
-        self.for_each_touched(inserted, |_, _| touched += 1);
+        self.for_each_touched(inserted, reach_mm, |_, _| touched += 1);
         make_room(&mut self.links, touched)?;
         let (mut heads, mut links) = (std::mem::take(&mut self.heads), std::mem::take(&mut self.links));
-        self.for_each_touched(inserted, |cell, image| {
+        self.for_each_touched(inserted, reach_mm, |cell, image| {
             links.push([entry(id, image), heads[cell]]);
             heads[cell] = (links.len() - 1) as u32;
         });
@@ -265,13 +269,17 @@ impl Grid {
         })
     }
 
-    /// Calls `visit` with every cell, and the image, that a grain can matter to.
-    fn for_each_touched(&self, inserted: &Inserted<impl Turned>, mut visit: impl FnMut(usize, usize)) {
+    /// Calls `visit` with every cell, and the image, that a grain can matter to by its reach.
+    fn for_each_touched(
+        &self,
+        inserted: &Inserted<impl Turned>,
+        reach: f64,
+        mut visit: impl FnMut(usize, usize),
+    ) {
         let images = if self.is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
         for image in images {
             let shift = self.shifts[image];
             let center: Vector = arrays::from_fn(|a| inserted.body.center_mm[a] + shift[a]);
-            let reach = inserted.reach_mm;
             if (0..3).any(|a| center[a] + reach < 0.0 || center[a] - reach > self.bounds_mm[a]) {
                 continue;
             }

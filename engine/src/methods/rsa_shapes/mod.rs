@@ -34,7 +34,7 @@ use crate::elementary::ln_1p;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
-use crate::memory::{OutOfMemory, reserved};
+use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::choice::{self, Choice};
 use crate::methods::rsa::End;
 use crate::packing::RsaStatistics;
@@ -104,8 +104,9 @@ pub struct Outcome {
 }
 
 /// The search for one grain.
-struct Search {
+struct Search<S> {
     grain: usize,
+    shape: S,
     d_mm: f64,
     wall_gap_mm: f64,
     /// Where an attempt may fall, and its volume in mm³.
@@ -126,11 +127,13 @@ enum Found<T> {
 
 struct Run<'a, S: ConvexShape> {
     rsa: &'a ShapeRsa<'a, S>,
+    scale: Option<f64>,
     preference: Option<&'a Preference>,
     most_draws: u64,
     control: &'a dyn Control,
-    poses: Vec<Pose>,
     inserted: Vec<Inserted<S::Turned>>,
+    /// Orientations of the grains that are inserted.
+    orientations: Vec<UnitQuaternion<f64>>,
     statistics: RsaStatistics,
     draws: u64,
     /// Draws for further poses beside the first of a grain.
@@ -152,69 +155,94 @@ pub(crate) struct Stage {
 impl<S: ConvexShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
     pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
-        self.run_with(None, MOST_DRAWS, rng, control)
+        self.run_with(None, None, MOST_DRAWS, rng, control)
     }
 
-    /// Inserts the grains; of several poses that are possible each prefers one. At most so many draws are made for a
-    /// grain where the number of attempts is not limited.
+    /// Inserts the grains, all scaled by a factor; of several poses that are possible each prefers one. At most so many
+    /// draws are made for a grain where the number of attempts is not limited.
     pub(crate) fn run_with(
         &self,
+        scale: Option<f64>,
         preference: Option<&Preference>,
         most_draws: u64,
         rng: &mut Xoshiro256PlusPlus,
         control: &dyn Control,
     ) -> Outcome {
         let count = self.shapes.len();
-        let (poses, inserted) = match reserved(count).and_then(|poses| Ok((poses, reserved(count)?))) {
-            Ok(both) => both,
-            Err(OutOfMemory { bytes }) => {
-                let statistics = RsaStatistics::default();
-                return Outcome { poses: Vec::new(), statistics, end: End::OutOfMemory { bytes } };
-            }
+        let refused = |OutOfMemory { bytes }, statistics| Outcome {
+            poses: Vec::new(),
+            statistics,
+            end: End::OutOfMemory { bytes },
         };
-        let statistics = RsaStatistics::default();
+        let room = reserved(count).and_then(|inserted| Ok((inserted, reserved(count)?)));
+        let (inserted, orientations) = match room {
+            Ok(both) => both,
+            Err(error) => return refused(error, RsaStatistics::default()),
+        };
         let mut run = Run {
             rsa: self,
+            scale,
             preference,
             most_draws,
             control,
-            poses,
             inserted,
-            statistics,
+            orientations,
+            statistics: RsaStatistics::default(),
             draws: 0,
             further_draws: 0,
             draws_per_grain: 0,
         };
         let end = run.insert_all(rng);
         run.report();
-        Outcome { poses: run.poses, statistics: run.statistics, end }
-    }
-
-    /// The stage that begins with a grain, and the first grain after it.
-    fn stage(&self, first: usize, draws_per_grain: u64) -> (Stage, usize) {
-        let d = |grain: usize| self.shapes[grain].equivalent_diameter_mm();
-        let most = first + first.max(LEAST_STAGE);
-        let ratio = if draws_per_grain < LOOSE { LOOSE_RATIO } else { STAGE_RATIO };
-        let mut end = first + 1;
-        while end < self.shapes.len().min(most) && d(end) * ratio > d(first) {
-            end += 1;
+        match run.poses() {
+            Ok(poses) => Outcome { poses, statistics: run.statistics, end },
+            Err(error) => refused(error, run.statistics),
         }
-        let shapes = || self.shapes[first..end].iter();
-        let stage = Stage {
-            diameters: [d(first), d(end - 1)],
-            outer: shapes().map(S::outer_mm).fold(0.0, f64::max),
-            inner: shapes().map(S::inner_mm).fold(f64::INFINITY, f64::min),
-        };
-        (stage, end)
     }
 }
 
 impl<S: ConvexShape> Run<'_, S> {
+    /// The shape of a grain. Where all are scaled, it is made again each time: kept, the shapes would be there twice.
+    #[inline]
+    fn shape(&self, grain: usize) -> S {
+        let shape = self.rsa.shapes[grain];
+        // Shapes that nothing is left of are none of a mix.
+        self.scale.and_then(|scale| shape.scaled(scale)).unwrap_or(shape)
+    }
+
+    /// The poses of the grains that are inserted.
+    fn poses(&self) -> Result<Vec<Pose>, OutOfMemory> {
+        let both = self.inserted.iter().zip(&self.orientations);
+        collected(
+            both.map(|(inserted, &orientation)| Pose {
+                center_mm: inserted.body.center_mm.into(),
+                orientation,
+            }),
+        )
+    }
+
+    /// The stage that begins with a grain, and the first grain after it.
+    fn stage(&self, first: usize) -> (Stage, usize) {
+        let d = |grain: usize| self.shape(grain).equivalent_diameter_mm();
+        let most = first + first.max(LEAST_STAGE);
+        let ratio = if self.draws_per_grain < LOOSE { LOOSE_RATIO } else { STAGE_RATIO };
+        let mut end = first + 1;
+        while end < self.rsa.shapes.len().min(most) && d(end) * ratio > d(first) {
+            end += 1;
+        }
+        let shapes = || (first..end).map(|grain| self.shape(grain));
+        let stage = Stage {
+            diameters: [d(first), d(end - 1)],
+            outer: shapes().map(|shape| shape.outer_mm()).fold(0.0, f64::max),
+            inner: shapes().map(|shape| shape.inner_mm()).fold(f64::INFINITY, f64::min),
+        };
+        (stage, end)
+    }
+
     fn insert_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
-        let rsa = self.rsa;
         let mut first = 0;
-        while first < rsa.shapes.len() {
-            let (stage, end) = rsa.stage(first, self.draws_per_grain);
+        while first < self.rsa.shapes.len() {
+            let (stage, end) = self.stage(first);
             match self.insert_stage(&stage, first..end, rng) {
                 Ok(()) => first = end,
                 Err(end) => return end,
@@ -233,8 +261,9 @@ impl<S: ConvexShape> Run<'_, S> {
         let least = stage.inner + rsa.rule.wall_gap_mm(stage.diameters[1]);
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
         let Some(region) = rsa.specimen.center_region(least) else { return Err(no_place) };
-        for inserted in &mut self.inserted {
-            inserted.cover(stage, &rsa.rule);
+        for grain in 0..self.inserted.len() {
+            let (shape, orientation) = (self.shape(grain), self.orientations[grain]);
+            self.inserted[grain].cover(stage, &rsa.rule, &shape, orientation);
         }
         let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted)?;
         let factor = if S::Turned::IS_ELLIPSOID { 1 } else { CROWDED_ANGULAR / CROWDED };
@@ -247,13 +276,14 @@ impl<S: ConvexShape> Run<'_, S> {
         let mut voxels = Voxels::new(region, level, &grid, &self.inserted, tested)?;
         let (count, draws_before) = (grains.len() as u64, self.draws - self.further_draws);
         for grain in grains {
-            let shape = &rsa.shapes[grain];
+            let shape = self.shape(grain);
             let d_mm = shape.equivalent_diameter_mm();
             let wall_gap_mm = rsa.rule.wall_gap_mm(d_mm);
             let own = rsa.specimen.center_region(shape.inner_mm() + wall_gap_mm);
             let own = own.ok_or(no_place)?;
             let mut search = Search {
                 grain,
+                shape,
                 d_mm,
                 wall_gap_mm: wall_gap_mm + ROUNDING_MARGIN * rsa.specimen.bounds_mm().iter().sum::<f64>(),
                 region: own,
@@ -277,11 +307,11 @@ impl<S: ConvexShape> Run<'_, S> {
             self.statistics.attempts += search.attempts;
             match found {
                 Found::Pose(pose, body) => {
-                    let mut inserted = Inserted::new(body, shape);
-                    inserted.cover(stage, &rsa.rule);
-                    grid.insert(self.inserted.len(), &inserted)?;
+                    let mut inserted = Inserted::new(body, d_mm);
+                    inserted.cover(stage, &rsa.rule, &shape, pose.orientation);
+                    grid.insert(self.inserted.len(), &inserted, stage, &rsa.rule)?;
                     self.inserted.push(inserted);
-                    self.poses.push(pose);
+                    self.orientations.push(pose.orientation);
                 }
                 Found::Nothing { saturation_proven } => {
                     return Err(End::InsertionFailed { saturation_proven, attempts: search.attempts });
@@ -299,7 +329,7 @@ impl<S: ConvexShape> Run<'_, S> {
         &mut self,
         first: (Pose, Placed<S::Turned>),
         preference: &Preference,
-        search: &mut Search,
+        search: &mut Search<S>,
         voxels: &mut Voxels,
         grid: &Grid,
         rng: &mut Xoshiro256PlusPlus,
@@ -332,7 +362,7 @@ impl<S: ConvexShape> Run<'_, S> {
     #[inline(always)]
     fn try_once(
         &mut self,
-        search: &mut Search,
+        search: &mut Search<S>,
         voxels: &mut Voxels,
         grid: &Grid,
         rng: &mut Xoshiro256PlusPlus,
@@ -374,7 +404,7 @@ impl<S: ConvexShape> Run<'_, S> {
     #[allow(clippy::type_complexity)]
     fn pose(
         &self,
-        search: &Search,
+        search: &Search<S>,
         point: [f64; 3],
         cell: usize,
         grid: &Grid,
@@ -387,7 +417,7 @@ impl<S: ConvexShape> Run<'_, S> {
         }
         let orientation = (rsa.orientation)(rng);
         let pose = Pose { center_mm: point.into(), orientation };
-        let body = Placed::new(&rsa.shapes[search.grain], &pose);
+        let body = Placed::new(&search.shape, &pose);
         if wall_gap_mm(body.center_mm, &body.turned, rsa.specimen) < search.wall_gap_mm {
             return Err(None);
         }
@@ -405,21 +435,22 @@ impl<S: ConvexShape> Run<'_, S> {
     }
 
     fn report(&self) {
-        let (done, total) = (self.poses.len() as u64, self.rsa.shapes.len() as u64);
-        let present = self.rsa.shapes.get(self.poses.len()).or(self.rsa.shapes.last());
+        let (done, total) = (self.inserted.len() as u64, self.rsa.shapes.len() as u64);
+        let present = self.inserted.len().min(self.rsa.shapes.len().saturating_sub(1));
+        let present_mm = if total == 0 { 0.0 } else { self.shape(present).equivalent_diameter_mm() };
         self.control.report(&Progress {
             phase: Phase::Rsa,
             fraction: done as f64 / total.max(1) as f64,
             done,
             total,
             unit: "grains",
-            message: format!("placing grains of {:.3} mm", present.map_or(0.0, S::equivalent_diameter_mm)),
+            message: format!("placing grains of {present_mm:.3} mm"),
             growth: None,
         });
     }
 }
 
-impl Search {
+impl<S> Search<S> {
     /// Counts the textbook attempts that one draw from so much volume stands for; says whether the limit is passed.
     ///
     /// Attempts come as often per volume as draws: one over `p`, the volume of the voxels over that of the region, per

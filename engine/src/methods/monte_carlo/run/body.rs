@@ -7,6 +7,7 @@ use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run
 use crate::arrays::Each as _;
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled, reserved};
+use crate::methods::monte_carlo::lists::Lists;
 use crate::methods::monte_carlo::system::rotation;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo};
 use crate::packing::RsaStatistics;
@@ -80,9 +81,12 @@ impl<S: ConvexShape> Run<S> {
         ] {
             write_f64(out, value)?;
         }
-        for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
-            write_u64(out, u64::from(rank) << 1 | u64::from(cold.is_held))?;
-            let floats = hot.center.into_iter().chain(cold.orientation).chain([cold.step, cold.margin]);
+        let mut margins = self.margins.iter().peekable();
+        for (site, &rank) in self.system.rank.iter().enumerate() {
+            let (hot, cold) = (&self.system.hot[site], &self.system.cold[site]);
+            write_u64(out, u64::from(rank) << 1 | u64::from(cold.list.is_held()))?;
+            let margin = margins.next_if(|margin| margin.0 as usize == site).map_or(1.0, |margin| margin.1);
+            let floats = hot.center.into_iter().chain(cold.orientation).chain([cold.step, margin]);
             floats.into_iter().try_for_each(|value| write_f64(out, value))?;
         }
         write_u64(out, self.curve.len() as u64)?;
@@ -146,7 +150,7 @@ impl<S: ConvexShape> Run<S> {
             sites.push((rank, packed & 1 == 1, floats));
         }
         let poses = filled(n, Pose::at(nalgebra::Vector3::zeros()))?;
-        let mut run = Self::new(of, &poses, 1.0, started)?;
+        let mut run = Self::new(of, poses, 1.0, started)?;
         run.stage = stage;
         run.system.stretch = stretch;
         run.system.more = more;
@@ -167,9 +171,14 @@ impl<S: ConvexShape> Run<S> {
         run.curve_stride = whole[10].max(1);
         run.rsa =
             RsaStatistics { attempts: whole[11], grains_by_subdivision: whole[12], voxels_tested: whole[13] };
+        let margin = |floats: &[f64; FLOATS]| floats[FLOATS - 1];
+        run.margins = reserved(sites.iter().filter(|(.., floats)| margin(floats) != 1.0).count())?;
         for (site, (rank, is_held, floats)) in sites.into_iter().enumerate() {
+            if margin(&floats) != 1.0 {
+                run.margins.push((site as u32, margin(&floats)));
+            }
             run.place(of, site, rank, floats);
-            run.system.cold[site].is_held = is_held;
+            run.system.cold[site].list.mark_held(is_held);
         }
         for _ in 0..read_u64(input)?.min(CURVE_POINTS as u64) {
             run.curve.push(CurvePoint {
@@ -184,18 +193,18 @@ impl<S: ConvexShape> Run<S> {
 
     /// Whether all grains keep their gaps.
     fn is_valid(&mut self) -> Result<bool, OutOfMemory> {
-        self.lists.build(&mut self.system, 1.0, 0.0)?;
+        Lists::default().build(&mut self.system, 1.0, 0.0)?;
         Ok(self.system.is_clear())
     }
 
     /// Puts the grain of a rank to a site.
     fn place(&mut self, of: &MonteCarlo<'_, S>, site: usize, rank: usize, floats: [f64; FLOATS]) {
-        let [x, y, z, w, i, j, k, step, margin] = floats;
+        let [x, y, z, w, i, j, k, step, _margin] = floats;
         let shape = of.shapes[rank];
         self.system.rank[site] = rank as u32;
-        self.system.hot[site].d = self.diameters[rank];
+        self.system.hot[site].d = shape.equivalent_diameter_mm();
         let cold = &mut self.system.cold[site];
-        (cold.shape, cold.step, cold.margin) = (shape, step, margin);
+        (cold.shape, cold.step) = (shape, step);
         let turned = shape.turned(&rotation([w, i, j, k]));
         self.system.set_pose(site, [x, y, z], [w, i, j, k], turned);
     }
@@ -203,7 +212,6 @@ impl<S: ConvexShape> Run<S> {
     /// Whether what was read can be a run of this request: one that cannot might never end.
     fn is_possible(&self) -> bool {
         let bounds = self.system.container.bounds().each(|length| length * self.system.stretch);
-        let largest = self.diameters.first().copied().unwrap_or(0.0);
         let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
         self.system.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
             && self.system.more <= bounds.iter().sum()
@@ -214,8 +222,8 @@ impl<S: ConvexShape> Run<S> {
                 let [w, i, j, k] = cold.orientation;
                 (w * w + i * i + j * j + k * k - 1.0).abs() < 1e-9
                     && cold.step > 0.0
-                    && cold.step <= largest
-                    && (1.0..=MOST_MARGIN).contains(&cold.margin)
+                    && cold.step <= self.largest_mm
             })
+            && self.margins.iter().all(|(_, margin)| (1.0..=MOST_MARGIN).contains(margin))
     }
 }

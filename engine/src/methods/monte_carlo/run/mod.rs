@@ -22,7 +22,7 @@ use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, St
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::gap::grain::{ConvexShape, Turned};
-use crate::memory::{OutOfMemory, collected, filled};
+use crate::memory::{Blocks, OutOfMemory, collected, filled, reserved};
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::packing::RsaStatistics;
 use crate::rng::cycle_stream;
@@ -92,7 +92,11 @@ enum Stage {
 /// A run between two cycles, or in one.
 pub(super) struct Run<S: ConvexShape> {
     system: System<S>,
-    diameters: Vec<f64>,
+    /// Equivalent diameters of the largest grain and of the one in the middle.
+    largest_mm: f64,
+    middle_mm: f64,
+    /// Factors on the skins of the grains that were held by theirs lately, by site: for the others it is 1.
+    margins: Vec<(u32, f64)>,
     stage: Stage,
     rate: f64,
     swaps: SwapPairs,
@@ -114,8 +118,6 @@ pub(super) struct Run<S: ConvexShape> {
     forecast: Forecast,
     /// Volume of the grains over that of the specimen.
     target_fraction: f64,
-    lists: Lists,
-    pusher: Pusher,
     /// Cycles since the lists were built, and the stretch and gap that they hold to.
     listed_cycles: u64,
     listed_stretch: f64,
@@ -126,7 +128,7 @@ impl<S: ConvexShape> Run<S> {
     /// A run from poses that are valid at a scale.
     pub(super) fn new(
         of: &MonteCarlo<'_, S>,
-        poses: &[Pose],
+        poses: Vec<Pose>,
         scale: f64,
         started: Instant,
     ) -> Result<Self, OutOfMemory> {
@@ -139,7 +141,9 @@ impl<S: ConvexShape> Run<S> {
         let volume: f64 = of.shapes.iter().map(S::volume_mm3).sum();
         Ok(Self {
             system,
-            diameters: collected(of.shapes.iter().map(S::equivalent_diameter_mm))?,
+            largest_mm: of.shapes.first().map_or(0.0, S::equivalent_diameter_mm),
+            middle_mm: of.shapes.get(of.shapes.len() / 2).map_or(1.0, S::equivalent_diameter_mm),
+            margins: Vec::new(),
             stage: Stage::Scale,
             rate: MOST_RATE,
             swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
@@ -157,8 +161,6 @@ impl<S: ConvexShape> Run<S> {
             fraction: 0.0,
             forecast: Forecast::default(),
             target_fraction: volume / of.specimen.volume_mm3(),
-            lists: Lists::default(),
-            pusher: Pusher::default(),
             listed_cycles: CYCLES_PER_LIST,
             listed_stretch: 0.0,
             listed_more: 0.0,
@@ -219,7 +221,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// The length whose share the gap grows by.
     fn gap_unit(&self) -> f64 {
-        self.diameters.get(self.diameters.len() / 2).copied().unwrap_or(1.0)
+        self.middle_mm
     }
 
     fn lists_are_due(&self, by: Tighten) -> bool {
@@ -236,22 +238,31 @@ impl<S: ConvexShape> Run<S> {
     fn build_lists(&mut self) -> Result<(), OutOfMemory> {
         let growth = (RATES_PER_LIST * self.rate).min(MOST_LISTED_GROWTH).max(2.0 * self.rate);
         let rate = self.rate;
-        for (cold, hot) in self.system.cold.iter_mut().zip(&self.system.hot) {
-            cold.margin = if cold.is_held {
-                (cold.margin * HELD_WIDER).min(MOST_MARGIN)
+        let held = self.system.cold.iter().filter(|cold| cold.list.is_held()).count();
+        let margins = reserved(self.margins.len() + held)?;
+        let earlier = std::mem::replace(&mut self.margins, margins);
+        let mut earlier = earlier.into_iter().peekable();
+        for (site, (cold, hot)) in self.system.cold.iter_mut().zip(&self.system.hot).enumerate() {
+            let margin =
+                earlier.next_if(|earlier| earlier.0 as usize == site).map_or(1.0, |earlier| earlier.1);
+            let margin = if cold.list.is_held() {
+                (margin * HELD_WIDER).min(MOST_MARGIN)
             } else {
-                (cold.margin * MARGIN_FALL).max(1.0)
+                (margin * MARGIN_FALL).max(1.0)
             };
-            cold.is_held = false;
+            if margin > 1.0 {
+                self.margins.push((site as u32, margin));
+            }
+            cold.list.mark_held(false);
             let radius = hot.d / 2.0;
             let (least, most) = ((SKIN_RATES * rate + LEAST_SKIN) * radius, MOST_SKIN * radius);
-            cold.skin = cold.margin * (SKIN_STEPS * cold.step).clamp(least, most);
+            cold.skin = margin * (SKIN_STEPS * cold.step).clamp(least, most);
         }
         let (shrink, reserve) = match self.stage {
             Stage::Scale => (1.0 + growth, 0.0),
             Stage::Gap => (1.0, growth * self.gap_unit()),
         };
-        self.lists.build(&mut self.system, shrink, reserve)?;
+        Lists::default().build(&mut self.system, shrink, reserve)?;
         self.listed_stretch = self.system.stretch / shrink;
         self.listed_more = self.system.more + reserve;
         self.listed_cycles = 0;
@@ -272,9 +283,8 @@ impl<S: ConvexShape> Run<S> {
         let mut rng = cycle_stream(of.seed, self.statistics.cycles);
         if of.swap {
             let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
-            let Self { swaps, families, system, diameters, .. } = self;
-            let grains =
-                swap::SwapGrains { families, shapes: of.shapes, diameters, preference: of.preference };
+            let Self { swaps, families, system, .. } = self;
+            let grains = swap::SwapGrains { families, preference: of.preference };
             swap::sweep(swaps, &grains, system, tries, &mut rng)?;
         }
         if control.should_stop() {
@@ -300,11 +310,13 @@ impl<S: ConvexShape> Run<S> {
         let (stretch, more) = (self.system.stretch, self.system.more);
         let fast = if S::Turned::IS_ELLIPSOID { FAST_PUSH_SWEEPS } else { FAST_PUSH_SWEEPS_ANGULAR };
         let most_sweeps = if self.rate >= FAST_RATE { fast } else { PUSH_SWEEPS };
-        let pushed = self.pusher.push(&mut self.system, by, most_sweeps)?;
+        // It has the poses to go back to, and is given back before the next cycle needs memory for other things.
+        let mut pusher = Pusher::default();
+        let pushed = pusher.push(&mut self.system, by, most_sweeps)?;
         self.statistics.pushes += pushed.pushes;
         if pushed.is_clear {
             self.rate *= if pushed.sweeps < EASY_SWEEPS { EASY } else { CLEAR };
-        } else if self.pusher.keep_what_is_valid(&mut self.system, by) {
+        } else if pusher.keep_what_is_valid(&mut self.system, by) {
             let kept = match by {
                 Tighten::Shrink(factor) => (stretch - self.system.stretch) / (stretch * (1.0 - factor)),
                 Tighten::Gap(by) => (self.system.more - more) / by,
@@ -315,9 +327,10 @@ impl<S: ConvexShape> Run<S> {
                 self.rate *= LITTLE_KEPT.1;
             }
         } else {
-            self.pusher.undo(&mut self.system);
+            pusher.undo(&mut self.system);
             self.rate *= NOTHING_KEPT;
         }
+        self.system.moved = Blocks::default();
         self.rate = self.rate.clamp(LEAST_RATE, MOST_RATE);
         Ok(())
     }
@@ -375,12 +388,22 @@ impl<S: ConvexShape> Run<S> {
         true
     }
 
+    /// Gives back what growth needs and the result, which takes memory of its own, does not.
+    pub(super) fn forget_lists(&mut self) {
+        self.system.groups = Vec::new();
+    }
+
+    /// The shapes by rank.
+    pub(super) fn shapes(&self) -> Result<Vec<S>, OutOfMemory> {
+        let mut shapes = collected(self.system.cold.iter().map(|cold| cold.shape))?;
+        for (cold, &rank) in self.system.cold.iter().zip(&self.system.rank) {
+            shapes[rank as usize] = cold.shape;
+        }
+        Ok(shapes)
+    }
+
     /// The result.
     pub(super) fn outcome(mut self, of: &MonteCarlo<'_, S>, end: End) -> Result<Outcome, Interrupted> {
-        // The result takes memory of its own.
-        self.lists = Lists::default();
-        self.pusher = Pusher::default();
-        self.system.groups = Vec::new();
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();

@@ -59,8 +59,7 @@ impl<S: ConvexShape> Run<S> {
         match (self.stage, of.maximize, of.rule.constant_mm()) {
             (Stage::Gap, ..) => Some(self.system.more),
             (Stage::Scale, None, Some(mm)) if mm > 0.0 => {
-                let largest = self.diameters.first().copied().unwrap_or(0.0);
-                Some((self.size().min(1.0) * (largest + mm) - largest).max(0.0))
+                Some((self.size().min(1.0) * (self.largest_mm + mm) - self.largest_mm).max(0.0))
             }
             _ => None,
         }

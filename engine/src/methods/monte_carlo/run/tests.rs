@@ -35,7 +35,7 @@ fn method(shapes: &[Ellipsoid]) -> MonteCarlo<'_, Ellipsoid> {
 /// Two grains at this size, which have not grown for as long as tells a stall.
 fn jammed(of: &MonteCarlo<'_, Ellipsoid>, size: f64) -> Run<Ellipsoid> {
     let poses = [5.0, 14.0].map(|x| Pose::at(Vector3::new(x, 10.0, 10.0)));
-    let mut run = Run::new(of, &poses, size, Instant::now()).unwrap();
+    let mut run = Run::new(of, poses.to_vec(), size, Instant::now()).unwrap();
     jam(&mut run, size);
     run
 }
@@ -99,7 +99,7 @@ fn grains_stay_in_the_skins_that_their_lists_hold_for() {
         let of = MonteCarlo { seed, ..method(&shapes) };
         let packed = of.run(None, &Unattended).unwrap();
         // Once more, from grains of less size at the same places.
-        let mut run = Run::new(&of, &packed.poses, 0.85, Instant::now()).unwrap();
+        let mut run = Run::new(&of, packed.poses, 0.85, Instant::now()).unwrap();
         let mut most = 0.0_f64;
         while !run.is_full_size() && run.statistics.cycles < 1000 {
             let by = run.tighten();
