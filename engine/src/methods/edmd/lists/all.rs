@@ -125,8 +125,9 @@ impl System {
     /// whose cells are nearly empty.
     #[inline(always)]
     fn find_pairs_of<const PERIODIC: bool>(&self, pairs: &mut Pairs) -> Result<(), OutOfMemory> {
-        pairs.entries = reserved(pairs.grains * 8)?;
+        // The entries come last, so that they can grow where they are.
         pairs.ends = reserved(pairs.grains)?;
+        pairs.entries = reserved(pairs.grains * 8)?;
         let half = &mut pairs.entries;
         for i in pairs.first..pairs.first + pairs.grains {
             if (i - pairs.first).is_multiple_of(GRAINS_PER_RESERVATION) {
