@@ -1,8 +1,8 @@
 //! Packings of the literature: what was published beside what this engine reaches (`docs/shapes.md`).
 //!
 //! `cargo run --release -p packstone-engine --features examples --example literature -- CASE [SEEDS [GRAINS [SWEEPS]]]`
-//! grows equal grains whose name contains the case until they jam, or so many sweeps of moves are done; `addition-CASE` adds them at random, with ever more
-//! attempts for a grain; the path of a request packs that.
+//! grows equal grains whose name contains the case until they jam, or so many sweeps of moves are done. `addition-CASE`
+//! adds them at random, with ever more attempts for a grain; the path of a request packs that.
 
 use std::path::Path;
 use std::time::Instant;
