@@ -6,4 +6,5 @@ mod mixes;
 mod physics;
 mod resume;
 mod stops;
+mod threads;
 mod valid;

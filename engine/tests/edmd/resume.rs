@@ -12,15 +12,20 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 /// Keeps the checkpoint of one question whether it wants one, and pulls the plug.
-struct Killer {
+pub(super) struct Killer {
     questions: AtomicU32,
     at: u32,
     kept: Mutex<Option<Vec<u8>>>,
 }
 
 impl Killer {
-    fn at(question: u32) -> Self {
+    pub(super) fn at(question: u32) -> Self {
         Self { questions: AtomicU32::new(0), at: question, kept: Mutex::new(None) }
+    }
+
+    /// The checkpoint that it kept.
+    pub(super) fn kept(self) -> Vec<u8> {
+        self.kept.into_inner().unwrap().unwrap()
     }
 }
 
@@ -42,7 +47,7 @@ impl Control for Killer {
     }
 }
 
-fn resume(bytes: &[u8], request: &PackingRequest) -> Resume {
+pub(super) fn resume(bytes: &[u8], request: &PackingRequest) -> Resume {
     Resume::read_from(&mut &bytes[..], request).unwrap()
 }
 
