@@ -139,7 +139,7 @@ impl SwapPairs {
     }
 
     /// Gives the memory back until the next [`Self::prepare`].
-    pub(crate) fn rest(&mut self) {
+    pub(crate) fn give_memory_back(&mut self) {
         (self.site, self.limit) = (Vec::new(), Vec::new());
     }
 

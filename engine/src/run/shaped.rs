@@ -29,13 +29,13 @@ struct Job<'a, S> {
     shapes: Vec<S>,
 }
 
-/// Grains by their poses alone, in the order of the shapes.
-fn posed(poses: Vec<Pose>) -> Grains {
+/// Grains of which the poses alone are known, in the order of the shapes.
+fn poses_alone(poses: Vec<Pose>) -> Grains {
     Grains::Solids(Solids { poses, ..Solids::default() })
 }
 
-/// What was placed as the grains that it is.
-fn named(placed: Placed, solids: Solids) -> Placed {
+/// What was placed by its poses alone, with the shapes, templates and aggregates of the grains.
+fn with_shapes(placed: Placed, solids: Solids) -> Placed {
     let poses = match placed.grains {
         Grains::Solids(Solids { poses, .. }) => poses,
         Grains::Spheres(_) => Vec::new(),
@@ -83,11 +83,11 @@ pub(super) fn place(
         solids.shapes = Vec::new();
         let (placed, shapes) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
         solids.shapes = collected(shapes.into_iter().map(Solid::Ellipsoid))?;
-        return Ok(named(placed, solids));
+        return Ok(with_shapes(placed, solids));
     }
     let shapes = collected((0..solids.len()).map(|grain| solids.shape(grain)))?;
     let (placed, _) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
-    Ok(named(placed, solids))
+    Ok(with_shapes(placed, solids))
 }
 
 /// Places the shapes of a job, by their poses alone, and gives them back.
@@ -161,7 +161,7 @@ impl<S: ConvexShape> Job<'_, S> {
         let mut rng = stream(self.request.seed, Stream::Rsa);
         let outcome = rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, &control);
         if outcome.end == End::Complete {
-            return Ok(inserted(posed(outcome.poses), outcome.statistics, start));
+            return Ok(inserted(poses_alone(outcome.poses), outcome.statistics, start));
         }
         let counts = [outcome.poses.len(), self.shapes.len()];
         let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
@@ -263,7 +263,7 @@ impl<S: ConvexShape> Job<'_, S> {
             rsa_s: outcome.rsa_s,
             growth_s: Some(outcome.growth_s),
             method_used: MethodUsed::MonteCarlo,
-            grains: posed(outcome.poses),
+            grains: poses_alone(outcome.poses),
         };
         Ok((placed, shapes))
     }

@@ -6,8 +6,8 @@
 //! 2005, DOI 10.1016/j.jcp.2004.08.014).
 //!
 //! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
-//! `container` the walls, `records` what is kept of a grain; `grid`, `skin`, `shortlist`, `system` and `queue` find and
-//! order what can happen, `scan` and `events` make it happen, `swap` exchanges grains between cycles,
+//! `container` the walls, `records` what is kept of a grain; `grid`, `skin`, `shortlist`, `system`, `lists` and `queue`
+//! find and order what can happen, `scan` and `events` make it happen, `swap` exchanges grains between cycles,
 //! `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule grows, `run` strings cycles
 //! together, and `exact_fit` ends the growth of grains that fit exactly.
 

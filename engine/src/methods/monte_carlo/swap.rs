@@ -56,7 +56,7 @@ pub(super) fn sweep<S: ConvexShape>(
         || try_pairs(set, pairs, grains, system, tries, rng)
     ));
     pairs.count(tried, accepted);
-    pairs.rest();
+    pairs.give_memory_back();
     Ok(())
 }
 
