@@ -1,4 +1,4 @@
-//! A bucket of S3 on this machine, for one test: the server of `moto`, a package of Python.
+//! A bucket of S3 on this machine, for one test: the server of `moto`, a package of Python, run by `moto_server.py`.
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::process::{Child, Command, Stdio};
@@ -21,7 +21,7 @@ impl Bucket {
         let required = python.is_some();
         let python = python.unwrap_or_else(|| "python3".into());
         let server = Command::new(&python)
-            .args(["-c", "import sys; from moto.server import main; main(['-H', '127.0.0.1', '-p', '0'])"])
+            .args(["-c", include_str!("moto_server.py")])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
