@@ -36,6 +36,11 @@ pub(crate) fn cycle_stream(seed: u64, cycle: u64) -> Xoshiro256PlusPlus {
     Xoshiro256PlusPlus::seed_from_u64(of_epochs.next_u64() ^ cycle.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
+/// A stream of its own that starts with a draw from another.
+pub(crate) fn branch(rng: &mut Xoshiro256PlusPlus) -> Xoshiro256PlusPlus {
+    Xoshiro256PlusPlus::seed_from_u64(rng.next_u64())
+}
+
 /// A uniform number in `[0, 1)` with 53 bits.
 #[inline]
 pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus) -> f64 {

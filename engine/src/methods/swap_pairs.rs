@@ -82,6 +82,11 @@ impl SwapPairs {
         Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
     }
 
+    /// Pairs of other grains, of sizes as similar as those of these pairs.
+    pub(crate) fn with_same_window(&self) -> Self {
+        Self::new(self.window)
+    }
+
     /// Takes notice of the rank of the grain at each site, and of the sizes by rank, falling, in any unit.
     ///
     /// # Errors

@@ -16,6 +16,7 @@ use serde::Serialize;
 use crate::distance::DistanceRule;
 use crate::elementary::powf;
 use crate::error::PlanError;
+use crate::methods::edmd::LEAST_GROWN_IN_BLOCKS;
 use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
 use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
@@ -130,6 +131,8 @@ const VOIDS_EXPONENT: f64 = -0.4;
 const NEARLY_EQUAL: f64 = 1.2;
 /// Most threads of one run: with more, the sequential share of the work is most of the time.
 const MOST_THREADS: u32 = 64;
+/// The same for a run that grows: collisions with growth are sequential.
+const MOST_GROWING_THREADS: u32 = 4;
 /// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
 /// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
 const BEYOND_RANDOM: f64 = 1.12;
@@ -264,10 +267,14 @@ impl Plan {
     }
 }
 
-/// Threads that a run has work for: threads share the random addition of many spheres where they prefer no places.
+/// Threads that a run has work for: threads share the growth of many spheres, and their random addition where they
+/// prefer no places.
 fn most_threads(request: &PackingRequest, mix: &GradedMix, grains: f64, grows: bool) -> u32 {
-    let is_shared = !grows
-        && mix.shapes.is_none()
+    if grows {
+        let is_shared = mix.shapes.is_none() && grains >= LEAST_GROWN_IN_BLOCKS as f64;
+        return if is_shared { MOST_GROWING_THREADS } else { 1 };
+    }
+    let is_shared = mix.shapes.is_none()
         && matches!(request.segregation, Segregation::None {})
         && grains >= LEAST_SHARED_GRAINS as f64;
     if is_shared { MOST_THREADS } else { 1 }

@@ -78,6 +78,24 @@ fn the_fluid_has_the_pressure_of_carnahan_and_starling() {
     }
 }
 
+#[test]
+fn the_fluid_has_that_pressure_in_blocks_too_with_any_number_of_threads() {
+    const SPHERES: usize = 41_000;
+    let measured = |threads: usize| {
+        let mut fluid = Fluid::new(SPHERES, 0.3, 7).with_threads(threads.try_into().unwrap());
+        let energy = fluid.energy_and_momentum().0;
+        fluid.run(10 * SPHERES as u64);
+        let figures = fluid.run(10 * SPHERES as u64);
+        assert!((fluid.energy_and_momentum().0 / energy - 1.0).abs() < 1e-9);
+        (figures.collisions, figures.reduced_pressure)
+    };
+    let (collisions, pressure) = measured(1);
+    assert!(collisions >= 10 * SPHERES as u64);
+    let ratio = pressure / carnahan_starling(0.3);
+    assert!((ratio - 1.0).abs() < 0.01, "{pressure} ({ratio})");
+    assert_eq!(measured(3), (collisions, pressure));
+}
+
 /// Shells from contact on, in which neighbours are counted.
 const SHELLS: usize = 20;
 const SHELL_MM: f64 = 0.01;

@@ -15,10 +15,26 @@ pub(crate) const HOME: u32 = 62;
 /// The specimen as the dynamics see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Container {
-    Box { size_mm: [f64; 3] },
-    Periodic { size_mm: [f64; 3] },
-    Cylinder { radius_mm: f64, height_mm: f64 },
+    Box {
+        size_mm: [f64; 3],
+    },
+    Periodic {
+        size_mm: [f64; 3],
+    },
+    Cylinder {
+        radius_mm: f64,
+        height_mm: f64,
+    },
+    /// A part of a specimen between planes. Where the specimen is a cylinder, with the place of its axis and its
+    /// radius.
+    Block {
+        size_mm: [f64; 3],
+        lateral: Option<[f64; 3]>,
+    },
 }
+
+/// Number of the lateral wall in a block of a cylinder.
+const LATERAL: u32 = 6;
 
 impl Container {
     pub(crate) fn new(specimen: &Specimen) -> Self {
@@ -34,7 +50,7 @@ impl Container {
     #[inline(always)]
     pub(crate) fn bounds_mm(&self) -> [f64; 3] {
         match *self {
-            Self::Box { size_mm } | Self::Periodic { size_mm } => size_mm,
+            Self::Box { size_mm } | Self::Periodic { size_mm } | Self::Block { size_mm, .. } => size_mm,
             Self::Cylinder { radius_mm, height_mm } => [2.0 * radius_mm, 2.0 * radius_mm, height_mm],
         }
     }
@@ -80,6 +96,13 @@ impl Container {
         match *self {
             Self::Periodic { .. } => 0,
             Self::Box { size_mm } => ends(0..3, size_mm),
+            Self::Block { size_mm, lateral } => {
+                let planes = ends(0..3, size_mm);
+                let Some([axis_x, axis_y, radius_mm]) = lateral else { return planes };
+                let (x, y) = (p[0] - axis_x, p[1] - axis_y);
+                let bound = radius_mm - distance_mm;
+                planes | u32::from(bound <= 0.0 || x * x + y * y > bound * bound) << LATERAL
+            }
             Self::Cylinder { radius_mm, height_mm } => {
                 let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
                 let bound = radius_mm - distance_mm;
@@ -96,18 +119,10 @@ impl Container {
         let axis = (wall / 2) as usize;
         match *self {
             Self::Cylinder { radius_mm, .. } if wall == 0 => {
-                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
-                let bound = radius_mm - contact;
-                if bound <= 0.0 {
-                    return 0.0;
-                }
-                let c = x * x + y * y - bound * bound;
-                let b = x * v[0] + y * v[1] + bound * rate;
-                let a = v[0] * v[0] + v[1] * v[1] - rate * rate;
-                // The room across vanishes after `bound / rate`; that bounds a double root which rounding
-                // has made none.
-                let at_last = if rate > 0.0 { bound / rate } else { f64::INFINITY };
-                rises_to_zero(a, b, c).min(at_last)
+                time_to_lateral([p[0] - radius_mm, p[1] - radius_mm], radius_mm, v, contact, rate)
+            }
+            Self::Block { lateral: Some([x, y, radius_mm]), .. } if wall == LATERAL => {
+                time_to_lateral([p[0] - x, p[1] - y], radius_mm, v, contact, rate)
             }
             _ if wall.is_multiple_of(2) => used_up(p[axis] - contact, v[axis] - rate),
             _ => used_up(self.bounds_mm()[axis] - p[axis] - contact, -v[axis] - rate),
@@ -121,12 +136,10 @@ impl Container {
         let mut normal = [0.0; 3];
         match *self {
             Self::Cylinder { radius_mm, .. } if wall == 0 => {
-                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
-                let distance = (x * x + y * y).sqrt();
-                if distance > 0.0 {
-                    normal = [-x / distance, -y / distance, 0.0];
-                }
-                (normal, radius_mm - distance)
+                lateral_normal([p[0] - radius_mm, p[1] - radius_mm], radius_mm)
+            }
+            Self::Block { lateral: Some([x, y, radius_mm]), .. } if wall == LATERAL => {
+                lateral_normal([p[0] - x, p[1] - y], radius_mm)
             }
             _ if wall.is_multiple_of(2) => {
                 normal[axis] = 1.0;
@@ -138,6 +151,29 @@ impl Container {
             }
         }
     }
+}
+
+/// When a grain beside the axis of a cylinder touches the lateral surface.
+#[inline(always)]
+fn time_to_lateral([x, y]: [f64; 2], radius_mm: f64, v: [f64; 3], contact: f64, rate: f64) -> f64 {
+    let bound = radius_mm - contact;
+    if bound <= 0.0 {
+        return 0.0;
+    }
+    let c = x * x + y * y - bound * bound;
+    let b = x * v[0] + y * v[1] + bound * rate;
+    let a = v[0] * v[0] + v[1] * v[1] - rate * rate;
+    // The room across vanishes after `bound / rate`; that bounds a double root which rounding has made none.
+    let at_last = if rate > 0.0 { bound / rate } else { f64::INFINITY };
+    rises_to_zero(a, b, c).min(at_last)
+}
+
+/// The inward normal of the lateral surface at a point beside the axis, and the point's distance from the surface.
+#[inline(always)]
+fn lateral_normal([x, y]: [f64; 2], radius_mm: f64) -> ([f64; 3], f64) {
+    let distance = (x * x + y * y).sqrt();
+    let normal = if distance > 0.0 { [-x / distance, -y / distance, 0.0] } else { [0.0; 3] };
+    (normal, radius_mm - distance)
 }
 
 /// The code of an image, counted in boxes along each axis.

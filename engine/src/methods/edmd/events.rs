@@ -48,7 +48,7 @@ impl System {
 
     #[inline(always)]
     fn predict_all_as<S: InstructionSet, const PERIODIC: bool>(&mut self, set: S) {
-        for i in 0..self.len() {
+        for i in 0..self.moving {
             if self.cold[i].is_coarse {
                 self.scan::<S, PERIODIC>(set, i, 0.0);
             }
@@ -151,7 +151,9 @@ impl System {
                     return;
                 }
                 self.predict::<S, PERIODIC>(set, i, now);
-                self.predict::<S, PERIODIC>(set, j, now);
+                if j < self.moving {
+                    self.predict::<S, PERIODIC>(set, j, now);
+                }
             }
         }
     }
@@ -181,6 +183,15 @@ impl System {
         let closing = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] - rate;
         let speed = v[0].abs() + v[1].abs() + v[2].abs() + rate.abs();
         let closing = closing.min(-LEAST_CLOSING * speed);
+        if j >= self.moving {
+            // The other is held: a wall of its form.
+            a.velocity = arrays::from_fn(|k| a.velocity[k] + 2.0 * closing * normal[k]);
+            self.virial -= 2.0 * closing * self.mass[i] * contact;
+            self.hot[i] = a;
+            self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
+            self.counts.grain_collisions += 1;
+            return true;
+        }
         let (m_a, m_b) = (self.mass[i], self.mass[j]);
         let impulse = -2.0 * closing * m_a * m_b / (m_a + m_b);
         for k in 0..3 {
@@ -202,13 +213,17 @@ impl System {
     fn bounce(&mut self, i: usize, wall: u32, now: f64) {
         let hot = &mut self.hot[i];
         let (normal, _) = self.container.wall_normal(wall, hot.position);
-        let (start, rate) = self.growth.wall(hot.radius);
+        let is_face = self.faces >> wall & 1 != 0;
+        let (start, rate) = if is_face { self.growth.face(hot.radius) } else { self.growth.wall(hot.radius) };
         let closing: f64 = (0..3).map(|k| hot.velocity[k] * normal[k]).sum::<f64>() - rate;
         if closing < 0.0 {
             for k in 0..3 {
                 hot.velocity[k] -= 2.0 * closing * normal[k];
             }
-            self.virial -= 2.0 * closing * self.mass[i] * (start + rate * now);
+            // No grain is beyond a face as a wall of the specimen is.
+            if !is_face {
+                self.virial -= 2.0 * closing * self.mass[i] * (start + rate * now);
+            }
         }
         self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
         self.counts.wall_collisions += 1;
@@ -260,10 +275,10 @@ impl System {
         }
         let mut walls = cold.walls;
         if walls != 0 {
-            let (start, rate) = self.growth.wall(me.radius);
             while walls != 0 {
                 let wall = walls.trailing_zeros();
                 walls &= walls - 1;
+                let (start, rate) = self.wall_contact(me.radius, wall);
                 let after = self.container.time_to_wall(wall, me.position, v, start + rate * now, rate);
                 if now + after < best.time {
                     best = Next { time: now + after, with: WALL + wall };

@@ -1,10 +1,12 @@
 //! Equal spheres in a periodic box without growth: the hard-sphere fluid, whose properties are known.
 //!
-//! Physics and speed are measured on it. Its compressibility factor is `Z = p V / (N k T)`.
+//! Physics and speed are measured on it. Its compressibility factor is `Z = p V / (N k T)`. As in growth, many spheres
+//! collide in blocks, which threads share.
 
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
+use super::blocks::{self, Task};
 use super::container::Container;
 use super::growth::Growth;
 use super::system::System;
@@ -23,11 +25,18 @@ const PACE: f64 = 0.3;
 /// Collisions per grain between two cycles while nothing grows.
 const EVENTS_PER_GRAIN: u64 = 25;
 
+/// And between two cuts into blocks.
+const EVENTS_PER_GRAIN_IN_BLOCKS: u64 = 5;
+/// A block ends after this many times the time that its collisions are expected to take.
+const MOST_TIMES: f64 = 100.0;
+
 /// A hard-sphere fluid of spheres of diameter 1 mm.
 #[derive(Debug)]
 pub struct Fluid {
     system: System,
     events_per_time: f64,
+    seed: u64,
+    cycles: u64,
 }
 
 /// What was measured over a number of collisions.
@@ -70,7 +79,7 @@ impl Fluid {
         let system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
         let mut system = granted(system);
         system.set_in_motion(1.0, &mut cycle_stream(seed, 0));
-        let mut fluid = Self { system, events_per_time: spheres as f64 };
+        let mut fluid = Self { system, events_per_time: spheres as f64, seed, cycles: 0 };
         granted(fluid.system.sort_along_curve());
         while scale < 1.0 {
             let alpha = PACE * fluid.system.thermal_velocity() / (scale / 2.0);
@@ -82,6 +91,33 @@ impl Fluid {
             }
         }
         fluid
+    }
+
+    /// Lets at most so many threads share the work. Nothing else depends on their number.
+    #[must_use]
+    pub fn with_threads(mut self, threads: NonZeroUsize) -> Self {
+        self.system.threads = threads;
+        self
+    }
+
+    /// Collisions in blocks, so many per sphere that moves; returns the simulated time and the compressibility factor.
+    fn cycle_in_blocks(&mut self, events_per_grain: f64) -> (f64, f64) {
+        self.cycles += 1;
+        let n = self.system.len() as f64;
+        let before = self.system.counts.collisions();
+        let task = Task {
+            growth: Growth::default(),
+            events_per_grain,
+            most_time: MOST_TIMES * 3.0 * events_per_grain * n / self.events_per_time,
+            events_per_time: self.events_per_time,
+            swaps: None,
+            is_over: &|_| false,
+        };
+        let outcome =
+            granted(blocks::collide(&mut self.system, &task, &mut cycle_stream(self.seed, self.cycles)));
+        let collisions = (self.system.counts.collisions() - before) as f64;
+        self.events_per_time = 3.0 * collisions / outcome.time / (1.0 - outcome.held);
+        (outcome.time, outcome.pressure)
     }
 
     fn cycle(&mut self, growth: Growth, end: f64, most: u64) -> f64 {
@@ -112,7 +148,15 @@ impl Fluid {
                     reduced_pressure: 1.0 + virial / (2.0 * energy * time),
                 };
             }
-            let most = (EVENTS_PER_GRAIN * self.system.len() as u64).min(collisions - done);
+            let n = self.system.len() as u64;
+            if blocks::can_cut(&self.system) {
+                let per_grain = EVENTS_PER_GRAIN_IN_BLOCKS.min((collisions - done).div_ceil(n));
+                let (in_blocks, pressure) = self.cycle_in_blocks(per_grain as f64);
+                time += in_blocks;
+                virial += (pressure - 1.0) * 2.0 * energy * in_blocks;
+                continue;
+            }
+            let most = (EVENTS_PER_GRAIN * n).min(collisions - done);
             time += self.cycle(Growth::default(), f64::MAX, most);
             virial += self.system.virial;
         }

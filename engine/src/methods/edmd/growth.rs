@@ -36,6 +36,14 @@ impl Growth {
         (start, self.alpha * start + self.wall_beta)
     }
 
+    /// Distance of a grain from a face between two blocks at the start of the cycle, and its rate: with its share of
+    /// what two grains on both sides keep between them.
+    #[inline(always)]
+    pub(crate) fn face(&self, r: f64) -> (f64, f64) {
+        let share = 1.0 + 0.5 * self.kappa;
+        (share * r, share * (self.alpha * r + self.beta))
+    }
+
     /// Contact radius at a time.
     #[inline(always)]
     pub(crate) fn radius(&self, r: f64, t: f64) -> f64 {

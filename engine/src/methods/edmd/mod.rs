@@ -7,15 +7,17 @@
 //!
 //! From the inside out: `contact` has the closed forms, `growth` how contact distances change in a compression cycle,
 //! `container` the walls, `records` what is kept of a grain; `grid`, `skin`, `shortlist`, `system`, `lists` and `queue`
-//! find and order what can happen, `scan` and `events` make it happen, `swap` exchanges grains between cycles,
-//! `compression_rate` decides how fast to grow, `growth_protocol` what a distance rule grows, `run` strings cycles
-//! together, and `exact_fit` ends the growth of grains that fit exactly.
+//! find and order what can happen, `scan` and `events` make it happen, `swap` exchanges grains between cycles, `blocks`
+//! lets many grains collide without growth on several threads, `compression_rate` decides how fast to grow,
+//! `growth_protocol` what a distance rule grows, `run` strings cycles together, and `exact_fit` ends the growth of
+//! grains that fit exactly.
 
 // The event loop is one body of code on purpose: a call per pair or event costs a tenth of the speed.
 #![allow(clippy::inline_always)]
 // Axes are indexed in several arrays at once.
 #![allow(clippy::needless_range_loop)]
 
+mod blocks;
 mod compression_rate;
 mod contact;
 mod container;
@@ -43,6 +45,7 @@ use std::io;
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
+pub(crate) use blocks::LEAST_GRAINS as LEAST_GROWN_IN_BLOCKS;
 pub use fluid::{Fluid, FluidFigures};
 
 use crate::checkpoint::Resume;

@@ -13,11 +13,15 @@ use crate::elementary::ln;
 use crate::memory::OutOfMemory;
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::rng::uniform;
-use crate::segregation::Preference;
+
+/// The logarithm of a ratio of weights, of a larger and a smaller grain by rank and their places.
+pub(crate) type LogRatio<'a> = &'a dyn Fn([usize; 2], [[f64; 3]; 2]) -> f64;
 
 /// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii by rank, falling, in any
-/// unit. With a preference swaps are as Metropolis and others (1953) have it: those that go against it happen the more
-/// rarely the more they do, so that the gradient is kept and not levelled.
+/// unit; grains that are held have no rank and stay. `log_ratio` is what the logarithm of the weight of a larger and a
+/// smaller grain, by rank, gains if they change their places, which are given. Swaps are then as Metropolis and others
+/// (1953) have it: those that lose happen the more rarely the more they do, so that a gradient is kept and not
+/// levelled.
 ///
 /// # Errors
 /// When the system refuses memory.
@@ -25,19 +29,19 @@ pub(crate) fn sweep(
     pairs: &mut SwapPairs,
     system: &mut System,
     sizes: &[f64],
-    preference: Option<&Preference>,
+    log_ratio: Option<LogRatio<'_>>,
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Result<(), OutOfMemory> {
-    let n = system.len();
+    let n = sizes.len();
     if n < 2 || sizes[0] <= sizes[n - 1] {
         return Ok(());
     }
-    pairs.prepare(&Families::default(), &system.rank, sizes)?;
+    pairs.prepare(&Families::default(), &system.rank[..n], sizes)?;
     let cpu = system.cpu;
     let (tried, accepted) = cpu.call(
         #[inline(always)]
-        || try_pairs(pairs, system, sizes, preference, tries, rng),
+        || try_pairs(pairs, system, sizes, log_ratio, tries, rng),
     );
     pairs.count(tried, accepted);
     Ok(())
@@ -49,7 +53,7 @@ fn try_pairs(
     pairs: &mut SwapPairs,
     system: &mut System,
     sizes: &[f64],
-    preference: Option<&Preference>,
+    log_ratio: Option<LogRatio<'_>>,
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
 ) -> (u64, u64) {
@@ -62,9 +66,8 @@ fn try_pairs(
         tried += 1;
         let (i, j) = (pairs.site(larger), pairs.site(smaller));
         let places = [system.hot[i].position, system.hot[j].position];
-        let wanted = preference.is_none_or(|preference| {
-            ln(uniform(rng)) <= preference.log_acceptance_ratio([larger, smaller], places)
-        });
+        let wanted =
+            log_ratio.is_none_or(|log_ratio| ln(uniform(rng)) <= log_ratio([larger, smaller], places));
         if wanted && swap(system, i, j) {
             pairs.exchange([larger, smaller]);
             accepted += 1;
@@ -114,11 +117,11 @@ fn swap(system: &mut System, i: usize, j: usize) -> bool {
         }
     }
     if system.cold[j].walls != 0 {
-        let (contact, _) = system.growth.wall(large);
         let mut walls = system.cold[j].walls;
         while walls != 0 {
             let wall = walls.trailing_zeros();
             walls &= walls - 1;
+            let (contact, _) = system.wall_contact(large, wall);
             if system.container.wall_normal(wall, position).1 < contact {
                 return false;
             }

@@ -46,6 +46,15 @@ pub(crate) struct Counts {
 }
 
 impl Counts {
+    /// Adds what was counted elsewhere.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.grain_collisions += other.grain_collisions;
+        self.wall_collisions += other.wall_collisions;
+        self.list_rebuilds += other.list_rebuilds;
+        self.predictions += other.predictions;
+        self.stale_events += other.stale_events;
+    }
+
     /// Events that changed a velocity.
     pub(crate) fn collisions(&self) -> u64 {
         self.grain_collisions + self.wall_collisions
@@ -66,6 +75,10 @@ pub(crate) struct System {
     /// Which diameter each grain has, counted from the largest.
     pub(crate) rank: Vec<u32>,
     pub(crate) growth: Growth,
+    /// Grains that move: the first. Others are held in their places.
+    pub(crate) moving: usize,
+    /// The walls that are faces between blocks, as bits.
+    pub(crate) faces: u32,
     /// Bound of the skin by which no search goes beyond the images there are, in mm.
     pub(super) most_skin: f64,
     /// Length of the cycle in s.
@@ -113,6 +126,8 @@ impl System {
             next: Vec::new(),
             rank: collected(0..radii.len() as u32)?,
             growth: Growth::default(),
+            moving: radii.len(),
+            faces: 0,
             most_skin: f64::INFINITY,
             end: 0.0,
             shifts: Box::new(container.shifts()),
@@ -189,6 +204,12 @@ impl System {
         self.growth.radius(self.hot[grain].radius, self.end)
     }
 
+    /// Distance from a wall at which a grain touches it at the start of the cycle, and its rate.
+    #[inline(always)]
+    pub(super) fn wall_contact(&self, radius: f64, wall: u32) -> (f64, f64) {
+        if self.faces >> wall & 1 == 0 { self.growth.wall(radius) } else { self.growth.face(radius) }
+    }
+
     /// Whether lists grew so much that the cycle should end.
     pub(crate) fn is_crowded(&self) -> bool {
         self.slab.len() > 2 * self.slab_at_start + 4096
@@ -200,7 +221,7 @@ impl System {
     }
 
     /// Gives the memory of all lists back where it is much: between two cycles other things need it.
-    fn forget_lists(&mut self) {
+    pub(super) fn forget_lists(&mut self) {
         if self.slab.capacity() >= LARGE_SLAB {
             self.slab = Vec::new();
         }
@@ -246,13 +267,17 @@ impl System {
         let (container, growth, end, most_skin) = (&self.container, self.growth, self.end, self.most_skin);
         let per_thread = self.hot.len().div_ceil(threads.get()).max(1);
         let mut pieces = collected(self.hot.chunks_mut(per_thread).zip(self.cold.chunks_mut(per_thread)))?;
+        let faces = self.faces;
         share(threads, &mut pieces, |_, (hot, cold)| {
             for (hot, cold) in hot.iter_mut().zip(cold.iter_mut()) {
                 debug_assert_eq!(hot.time, 0.0);
                 hot.position = container.wrap(hot.position);
-                center_sphere(container, growth, (end, most_skin), hot, cold);
+                center_sphere(container, growth, faces, (end, most_skin), hot, cold);
             }
         });
+        for held in self.cold.iter_mut().skip(self.moving) {
+            held.walls = 0;
+        }
         Ok(())
     }
 
@@ -260,7 +285,7 @@ impl System {
     #[inline(always)]
     pub(super) fn center_sphere(&mut self, i: usize) {
         let bounds = (self.end, self.most_skin);
-        center_sphere(&self.container, self.growth, bounds, &self.hot[i], &mut self.cold[i]);
+        center_sphere(&self.container, self.growth, self.faces, bounds, &self.hot[i], &mut self.cold[i]);
     }
 
     /// Notes that a list was refused memory, and ends the cycle.
@@ -343,17 +368,22 @@ impl System {
 fn center_sphere(
     container: &Container,
     growth: Growth,
+    faces: u32,
     (end, most_skin): (f64, f64),
     hot: &Hot,
     cold: &mut Cold,
 ) {
     let radius = growth.radius(hot.radius, end);
     let (start, rate) = growth.wall(hot.radius);
-    let contact = start + rate * end;
+    let mut contact = (start + rate * end).max(start);
+    if faces != 0 {
+        let (start, rate) = growth.face(hot.radius);
+        contact = contact.max(start + rate * end);
+    }
     cold.skin = cold.skin.clamp(LEAST_SKIN * radius, MOST_SKIN * radius).min(most_skin);
     cold.cutoff = radius + cold.skin;
     cold.center = hot.position;
-    cold.walls = container.walls_within(cold.center, contact.max(start) + cold.skin) as u8;
+    cold.walls = container.walls_within(cold.center, contact + cold.skin) as u8;
 }
 
 /// Position on a Morton curve of 2^30 places, of a point in the unit cube.

@@ -4,6 +4,7 @@
 //! print to standard output, which the figures go to.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
 
 use packstone_engine::methods::edmd::Fluid;
 use packstone_engine::{Limits, PackError, PackingRequest, PlanError, Report, Unattended, pack};
@@ -30,8 +31,8 @@ pub(super) fn measure(case: &Case, seeds: Option<u64>) -> Result<Figures, Failur
     let figures = match &case.kind {
         Kind::Pack { request, shows } => packings(request, *shows, seeds)?,
         Kind::Climb { ladder, request } => highest(*ladder, request, seeds)?,
-        Kind::Fluid { spheres, volume_fraction, windows } => {
-            fluid(*spheres, *volume_fraction, *windows, seeds)
+        Kind::Fluid { spheres, volume_fraction, windows, threads } => {
+            fluid(*spheres, *volume_fraction, (*windows, *threads), seeds)
         }
     };
     Ok(Figures {
@@ -171,19 +172,26 @@ fn highest(ladder: Ladder, request: &dyn Fn(f64) -> Value, seeds: u64) -> Result
     Ok(Figures { measured, values: named(values), ..runs.figures() })
 }
 
-/// Collisions per CPU second in windows after growth and a warm-up, and the median of them.
-fn fluid(spheres: usize, volume_fraction: f64, windows: u64, seeds: u64) -> Figures {
+/// Collisions per second in windows after growth and a warm-up, and the median of them: of CPU time, or of wall-clock
+/// time on several threads.
+fn fluid(
+    spheres: usize,
+    volume_fraction: f64,
+    (windows, threads): (u64, NonZeroUsize),
+    seeds: u64,
+) -> Figures {
     let (mut taken, mut rates, mut pressures) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 1..=seeds {
         let watch = Stopwatch::start();
-        let mut fluid = Fluid::new(spheres, volume_fraction, seed);
+        let mut fluid = Fluid::new(spheres, volume_fraction, seed).with_threads(threads);
         fluid.run(WARM_UP_PER_GRAIN * spheres as u64);
         eprintln!("  seed {seed} of {seeds}: grown and warm after {:.1} s", watch.taken().wall_s);
         for window in 1..=windows {
             let watch = Stopwatch::start();
             let figures = fluid.run(WINDOW_PER_GRAIN * spheres as u64);
             let took = watch.taken();
-            let rate = figures.collisions as f64 / took.cpu_s;
+            let seconds = if threads == NonZeroUsize::MIN { took.cpu_s } else { took.wall_s };
+            let rate = figures.collisions as f64 / seconds;
             if took.wall_s >= LONG_S {
                 eprintln!(
                     "  window {window} of {windows}: {:.1} s, {:.1} s CPU: {rate:.3e} collisions/s",

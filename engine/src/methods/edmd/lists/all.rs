@@ -188,10 +188,10 @@ impl System {
     /// Gives every grain an empty list with room for its neighbours; returns the places of all lists.
     fn lay_out_lists(&mut self, degrees: &[u32]) -> usize {
         let mut offset = 0;
-        for (cold, &degree) in self.cold.iter_mut().zip(degrees) {
+        for (i, (cold, &degree)) in self.cold.iter_mut().zip(degrees).enumerate() {
             cold.offset = offset;
             (cold.len, cold.coarse_neighbours) = (0, 0);
-            cold.is_coarse = degree >= LEAST_NEIGHBOURS;
+            cold.is_coarse = degree >= LEAST_NEIGHBOURS && i < self.moving;
             cold.capacity = degree + SPARE;
             offset += cold.capacity;
         }

@@ -7,6 +7,7 @@
 
 mod body;
 mod forecast;
+mod rearrange;
 mod report;
 
 use std::io::Write;
@@ -14,10 +15,11 @@ use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use super::Expected;
+use super::blocks;
 use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
 use super::growth_protocol::GrowthProtocol;
-use super::swap::{self, unjam};
+use super::swap::unjam;
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
 use crate::checkpoint::Checkpoint;
@@ -35,6 +37,8 @@ pub(crate) use report::Moments;
 
 /// Collisions per grain in a cycle.
 pub(crate) const CYCLE_EVENTS_PER_GRAIN: u64 = 5;
+/// Those with growth, where the others are collisions without growth in blocks.
+const EVENTS_WITH_GROWTH: u64 = 1;
 /// Fewest grains that a cycle is laid out for: smaller packings take more events per grain.
 const LEAST_CYCLE_GRAINS: u64 = 100;
 /// Largest relative growth in a cycle.
@@ -308,9 +312,14 @@ impl Run {
             Stage::Length => 1.0,
         };
         let relative_speed = self.compression_rate.next(self.pressure, distance_to_jamming);
-        // Grains that grow as fast as loose ones need no swaps.
-        let swaps_help = relative_speed < self.compression_rate.loose();
-        let speed = relative_speed * self.system.thermal_velocity();
+        // Grains that grow as fast as loose ones need neither swaps nor time to rearrange.
+        let is_slowed = relative_speed < self.compression_rate.loose();
+        let swaps_help = is_slowed && frame.options.swap != Some(false);
+        // In part of a cycle as much growth as in a whole one.
+        let in_blocks = is_slowed && blocks::can_cut(&self.system);
+        let cycle_events = if in_blocks { EVENTS_WITH_GROWTH } else { CYCLE_EVENTS_PER_GRAIN };
+        let faster = CYCLE_EVENTS_PER_GRAIN as f64 / cycle_events as f64;
+        let speed = faster * relative_speed * self.system.thermal_velocity();
         let (growth, rate, left) = match self.stage {
             Stage::Scale => {
                 let alpha = speed / mean;
@@ -333,21 +342,13 @@ impl Run {
             self.pinned_grains += 1;
             unjam(&mut self.system, grain, UNJAM_TRIES, &mut rng);
         }
-        if swaps_help && frame.options.swap != Some(false) {
-            let tries = (SWAPS_PER_GRAIN * n as f64) as u64;
-            swap::sweep(
-                &mut self.swaps,
-                &mut self.system,
-                &protocol.radii_mm,
-                frame.preference.as_ref(),
-                tries,
-                &mut rng,
-            )?;
+        if swaps_help && !in_blocks {
+            self.swap(frame, protocol, &mut rng)?;
         }
         self.system.predict_all(self.events_per_time)?;
 
         let before = self.system.counts;
-        let most_events = CYCLE_EVENTS_PER_GRAIN * (n as u64).max(LEAST_CYCLE_GRAINS);
+        let most_events = cycle_events * (n as u64).max(LEAST_CYCLE_GRAINS);
         let limit = frame.options.stop.events.unwrap_or(u64::MAX);
         let most_events = most_events.min(limit.saturating_sub(before.collisions()));
         let mut reached;
@@ -375,8 +376,17 @@ impl Run {
             Stage::Length => self.size + growth.beta * reached,
         };
         self.set_radii(protocol);
-        self.simulated_s += reached;
+        let pressure_before = self.pressure;
         self.measure(&before, reached);
+        let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
+        let mut time = reached;
+        if in_blocks && !finished && self.limit_reached(frame).is_none() {
+            match self.rearrange(frame, protocol, pressure_before, swaps_help, &mut rng)? {
+                Ok(more) => time += more,
+                Err(ended) => return Ok(Some(ended)),
+            }
+        }
+        self.simulated_s += time;
         self.note_point(frame);
         self.report(frame);
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
@@ -384,8 +394,7 @@ impl Run {
             let share = if self.stage == Stage::Scale { TARGET_STALL } else { DISTANCE_STALL };
             share * mean / frame.thermal_velocity()
         });
-        let stalled = events >= n as f64 && reached / events * (n as f64) < least_dt;
-        let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
+        let stalled = events >= n as f64 && time / events * (n as f64) < least_dt;
         Ok((stalled && !finished).then_some(Ended::As(GrowthEnd::Stalled)))
     }
 

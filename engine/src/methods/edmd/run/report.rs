@@ -117,13 +117,18 @@ impl Run {
 
     /// Tells the control where the run stands.
     pub(super) fn report(&mut self, frame: &Frame<'_>) {
+        frame.control.report(&self.progress(frame));
+    }
+
+    /// Where the run stands.
+    pub(super) fn progress(&mut self, frame: &Frame<'_>) -> Progress {
         let events = self.system.counts.collisions();
         let (fraction, predictable) = self.share_done(frame);
         self.fraction = self.fraction.max(fraction.min(1.0));
         let seconds = self.grow_started.elapsed().as_secs_f64().max(1e-9);
         let per_s = self.system.counts.collisions() as f64 / seconds;
         let volume_fraction = self.volume_fraction(frame);
-        frame.control.report(&Progress {
+        Progress {
             phase: Phase::Edmd,
             fraction: self.fraction,
             done: events,
@@ -141,7 +146,7 @@ impl Run {
                 reduced_pressure: Some(self.pressure),
                 predictable,
             }),
-        });
+        }
     }
 
     /// What was counted.

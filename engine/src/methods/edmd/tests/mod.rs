@@ -5,6 +5,7 @@
 //! lists is followed in one place.
 #![allow(clippy::unwrap_used)]
 
+mod blocks;
 mod bodies;
 mod collisions;
 mod double;
