@@ -31,6 +31,7 @@ pub(super) struct Block {
 }
 
 /// What came of the grains that moved, in their order.
+#[derive(Default)]
 pub(super) struct Done {
     grains: Vec<Moved>,
     counts: Counts,
@@ -123,6 +124,10 @@ impl Block {
 
     /// Lets its grains change places and collide.
     pub(super) fn run(&self, whole: &System, task: &Task<'_>) -> Result<Done, OutOfMemory> {
+        if self.moving == 0 {
+            // As in a corner outside of a cylinder.
+            return Ok(Done::default());
+        }
         let (mut system, ranks) = self.system(whole)?;
         system.rebuild_all_lists(task.growth, task.most_time)?;
         let (swaps_tried, swaps_accepted) = match task.swaps {
