@@ -99,15 +99,12 @@ impl Container {
             Self::Block { size_mm, lateral } => {
                 let planes = ends(0..3, size_mm);
                 let Some([axis_x, axis_y, radius_mm]) = lateral else { return planes };
-                let (x, y) = (p[0] - axis_x, p[1] - axis_y);
-                let bound = radius_mm - distance_mm;
-                planes | u32::from(bound <= 0.0 || x * x + y * y > bound * bound) << LATERAL
+                let is_near = is_near_lateral([p[0] - axis_x, p[1] - axis_y], radius_mm, distance_mm);
+                planes | u32::from(is_near) << LATERAL
             }
             Self::Cylinder { radius_mm, height_mm } => {
-                let (x, y) = (p[0] - radius_mm, p[1] - radius_mm);
-                let bound = radius_mm - distance_mm;
-                let lateral = bound <= 0.0 || x * x + y * y > bound * bound;
-                u32::from(lateral) | ends(2..3, [0.0, 0.0, height_mm])
+                let is_near = is_near_lateral([p[0] - radius_mm, p[1] - radius_mm], radius_mm, distance_mm);
+                u32::from(is_near) | ends(2..3, [0.0, 0.0, height_mm])
             }
         }
     }
@@ -151,6 +148,13 @@ impl Container {
             }
         }
     }
+}
+
+/// Whether the lateral surface of a cylinder comes within a distance of a point beside the axis.
+#[inline(always)]
+fn is_near_lateral([x, y]: [f64; 2], radius_mm: f64, distance_mm: f64) -> bool {
+    let bound = radius_mm - distance_mm;
+    bound <= 0.0 || x * x + y * y > bound * bound
 }
 
 /// When a grain beside the axis of a cylinder touches the lateral surface.

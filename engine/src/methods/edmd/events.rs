@@ -183,24 +183,19 @@ impl System {
         let closing = v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] - rate;
         let speed = v[0].abs() + v[1].abs() + v[2].abs() + rate.abs();
         let closing = closing.min(-LEAST_CLOSING * speed);
-        if j >= self.moving {
-            // The other is held: a wall of its form.
-            a.velocity = arrays::from_fn(|k| a.velocity[k] + 2.0 * closing * normal[k]);
-            self.virial -= 2.0 * closing * self.mass[i] * contact;
-            self.hot[i] = a;
-            self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
-            self.counts.grain_collisions += 1;
-            return true;
-        }
         let (m_a, m_b) = (self.mass[i], self.mass[j]);
-        let impulse = -2.0 * closing * m_a * m_b / (m_a + m_b);
+        // A grain that is held has an infinite mass.
+        let moves = j < self.moving;
+        let impulse = if moves { -2.0 * closing * m_a * m_b / (m_a + m_b) } else { -2.0 * closing * m_a };
         for k in 0..3 {
             a.velocity[k] -= impulse / m_a * normal[k];
             b.velocity[k] += impulse / m_b * normal[k];
         }
         self.virial += impulse * contact;
         self.hot[i] = a;
-        self.hot[j] = b;
+        if moves {
+            self.hot[j] = b;
+        }
         for grain in [i, j] {
             self.cold[grain].collisions = self.cold[grain].collisions.saturating_add(1);
         }
@@ -211,22 +206,24 @@ impl System {
     /// Reflects a grain at a wall, which recedes from it as fast as the grain's surface grows.
     #[inline(always)]
     fn bounce(&mut self, i: usize, wall: u32, now: f64) {
+        let (start, rate) = self.wall_contact(self.hot[i].radius, wall);
+        let is_face = self.is_face(wall);
         let hot = &mut self.hot[i];
         let (normal, _) = self.container.wall_normal(wall, hot.position);
-        let is_face = self.faces >> wall & 1 != 0;
-        let (start, rate) = if is_face { self.growth.face(hot.radius) } else { self.growth.wall(hot.radius) };
         let closing: f64 = (0..3).map(|k| hot.velocity[k] * normal[k]).sum::<f64>() - rate;
         if closing < 0.0 {
             for k in 0..3 {
                 hot.velocity[k] -= 2.0 * closing * normal[k];
             }
-            // No grain is beyond a face as a wall of the specimen is.
             if !is_face {
                 self.virial -= 2.0 * closing * self.mass[i] * (start + rate * now);
             }
         }
-        self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
-        self.counts.wall_collisions += 1;
+        // What happens at a face is no collision of the packing.
+        if !is_face {
+            self.cold[i].collisions = self.cold[i].collisions.saturating_add(1);
+            self.counts.wall_collisions += 1;
+        }
     }
 
     /// Finds the next event of a grain and schedules it.
@@ -274,15 +271,13 @@ impl System {
             best = Next { time: self.end, with: NOTHING };
         }
         let mut walls = cold.walls;
-        if walls != 0 {
-            while walls != 0 {
-                let wall = walls.trailing_zeros();
-                walls &= walls - 1;
-                let (start, rate) = self.wall_contact(me.radius, wall);
-                let after = self.container.time_to_wall(wall, me.position, v, start + rate * now, rate);
-                if now + after < best.time {
-                    best = Next { time: now + after, with: WALL + wall };
-                }
+        while walls != 0 {
+            let wall = walls.trailing_zeros();
+            walls &= walls - 1;
+            let (start, rate) = self.wall_contact(me.radius, wall);
+            let after = self.container.time_to_wall(wall, me.position, v, start + rate * now, rate);
+            if now + after < best.time {
+                best = Next { time: now + after, with: WALL + wall };
             }
         }
         best

@@ -24,12 +24,8 @@ const START_FRACTION: f64 = 0.25;
 const PACE: f64 = 0.3;
 /// Collisions per grain between two cycles while nothing grows.
 const EVENTS_PER_GRAIN: u64 = 25;
-
-/// And between two cuts into blocks.
+/// The same where spheres collide in blocks, which are cut anew in each cycle.
 const EVENTS_PER_GRAIN_IN_BLOCKS: u64 = 5;
-/// A block ends after this many times the time that its collisions are expected to take.
-const MOST_TIMES: f64 = 100.0;
-
 /// A hard-sphere fluid of spheres of diameter 1 mm.
 #[derive(Debug)]
 pub struct Fluid {
@@ -103,12 +99,10 @@ impl Fluid {
     /// Collisions in blocks, so many per sphere that moves; returns the simulated time and the compressibility factor.
     fn cycle_in_blocks(&mut self, events_per_grain: f64) -> (f64, f64) {
         self.cycles += 1;
-        let n = self.system.len() as f64;
         let before = self.system.counts.collisions();
         let task = Task {
             growth: Growth::default(),
             events_per_grain,
-            most_time: MOST_TIMES * 3.0 * events_per_grain * n / self.events_per_time,
             events_per_time: self.events_per_time,
             swaps: None,
             is_over: &|_| false,

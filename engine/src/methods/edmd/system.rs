@@ -207,7 +207,13 @@ impl System {
     /// Distance from a wall at which a grain touches it at the start of the cycle, and its rate.
     #[inline(always)]
     pub(super) fn wall_contact(&self, radius: f64, wall: u32) -> (f64, f64) {
-        if self.faces >> wall & 1 == 0 { self.growth.wall(radius) } else { self.growth.face(radius) }
+        if self.is_face(wall) { self.growth.face(radius) } else { self.growth.wall(radius) }
+    }
+
+    /// Whether a wall is a face between two blocks.
+    #[inline(always)]
+    pub(super) fn is_face(&self, wall: u32) -> bool {
+        self.faces >> wall & 1 != 0
     }
 
     /// Whether lists grew so much that the cycle should end.

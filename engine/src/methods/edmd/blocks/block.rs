@@ -15,6 +15,10 @@ use crate::rng::branch;
 /// Events between two looks at whether to end.
 const EVENTS_PER_LOOK: u64 = 20_000;
 
+/// A block ends after this many times the time that its collisions are expected to take: where few grains move, they may
+/// not collide so often.
+const MOST_TIMES: f64 = 100.0;
+
 /// A block with its grains.
 pub(super) struct Block {
     low: [f64; 3],
@@ -129,7 +133,10 @@ impl Block {
             return Ok(Done::default());
         }
         let (mut system, ranks) = self.system(whole)?;
-        system.rebuild_all_lists(task.growth, task.most_time)?;
+        // A collision is an event of two grains, and as many events are looked at in vain.
+        let expected = 3.0 * task.events_per_grain * whole.len() as f64 / task.events_per_time;
+        let most_time = MOST_TIMES * expected;
+        system.rebuild_all_lists(task.growth, most_time)?;
         let (swaps_tried, swaps_accepted) = match task.swaps {
             Some(swaps) => self.swap(whole, &mut system, &ranks, swaps)?,
             None => (0, 0),
@@ -138,7 +145,7 @@ impl Block {
         system.predict_all(task.events_per_time * self.moving as f64 / whole.len() as f64)?;
         let most = (task.events_per_grain * self.moving as f64) as u64;
         let (mut time, mut told) = (0.0, 0);
-        while told < most && time < task.most_time && !system.is_crowded() {
+        while told < most && time < most_time && !system.is_crowded() {
             time = system.run(most - told, EVENTS_PER_LOOK);
             if let Some(refused) = system.refused() {
                 return Err(refused);

@@ -22,7 +22,7 @@ use crate::memory::{OutOfMemory, collected};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::segregation::Preference;
 use crate::threads::share;
-use block::Block;
+use block::{Block, Done};
 use cuts::Cuts;
 
 /// Grains from which a slowed cycle lets them collide in blocks.
@@ -34,8 +34,6 @@ pub(crate) struct Task<'a> {
     pub(crate) growth: Growth,
     /// Collisions per grain that moves.
     pub(crate) events_per_grain: f64,
-    /// Longest simulated time in s: where few grains move, they may not collide so often.
-    pub(crate) most_time: f64,
     /// Events of all grains per s that queues are laid out for.
     pub(crate) events_per_time: f64,
     pub(crate) swaps: Option<Swaps<'a>>,
@@ -85,16 +83,15 @@ pub(crate) fn collide(
         hot.position = system.container.wrap(hot.position);
     }
     let cuts = Cuts::choose(system, rng);
-    let mut blocks = Block::all(system, &cuts, task.growth, rng)?;
+    let blocks = Block::all(system, &cuts, task.growth, rng)?;
     let whole = &*system;
-    let mut pieces = collected(blocks.iter_mut().map(|block| (block, None)))?;
-    share(system.threads, &mut pieces, |_, (block, done)| *done = Some(block.run(whole, task)));
+    let mut pieces = collected(blocks.iter().map(|block| (block, Ok(Done::default()))))?;
+    share(system.threads, &mut pieces, |_, (block, done)| *done = block.run(whole, task));
     let results = collected(pieces.into_iter().map(|(_, done)| done))?;
 
     let mut outcome = Outcome::default();
     let (mut moving, mut virial_rate, mut energy) = (0, 0.0, 0.0);
     for (block, done) in blocks.iter().zip(results) {
-        let Some(done) = done else { continue };
         let done = done?;
         moving += block.moving;
         outcome.time += done.time * block.moving as f64;

@@ -12,9 +12,6 @@ use crate::methods::edmd::blocks::{self, Outcome, Swaps, Task};
 use crate::methods::edmd::growth_protocol::GrowthProtocol;
 use crate::methods::edmd::swap::{self, LogRatio};
 
-/// A block ends after this many times the time that its collisions are expected to take.
-const MOST_TIMES: f64 = 100.0;
-
 impl Run {
     /// Tries swaps of all grains, whose lists are new.
     pub(super) fn swap(
@@ -69,8 +66,6 @@ impl Run {
                 Stage::Length => protocol.by_length(self.size, 0.0),
             },
             events_per_grain,
-            // A collision is an event of two grains, and as many are looked at in vain.
-            most_time: MOST_TIMES * 3.0 * events_per_grain * n / events_per_time,
             events_per_time,
             swaps: swaps_help.then_some(swaps),
             is_over: &is_over,

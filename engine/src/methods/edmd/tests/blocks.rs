@@ -38,7 +38,6 @@ fn collide(system: &mut System, seed: u64) -> Outcome {
     let task = Task {
         growth: GROWTH,
         events_per_grain: 4.0,
-        most_time: 100.0,
         events_per_time: 30.0 * system.len() as f64,
         swaps: None,
         is_over: &|_| false,
@@ -143,7 +142,6 @@ fn a_block_that_is_to_end_keeps_what_it_has() {
     let task = Task {
         growth: GROWTH,
         events_per_grain: 1000.0,
-        most_time: 1e6,
         events_per_time: 1e6,
         swaps: None,
         is_over: &|_| true,
