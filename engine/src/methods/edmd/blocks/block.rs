@@ -15,8 +15,8 @@ use crate::rng::branch;
 /// Events between two looks at whether to end.
 const EVENTS_PER_LOOK: u64 = 20_000;
 
-/// A block ends after this many times the time that its collisions are expected to take: where few grains move, they may
-/// not collide so often.
+/// A block ends after this many times the time that its collisions are expected to take: where few grains move, they
+/// may not collide so often.
 const MOST_TIMES: f64 = 100.0;
 
 /// A block with its grains.
