@@ -10,7 +10,7 @@ use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
 
 /// A convex body.
-pub(super) trait Convex {
+pub(super) trait Convex: Sync {
     fn center(&self) -> Vector3<f64>;
 
     /// Radius of the sphere around the centre that holds the body.

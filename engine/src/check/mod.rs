@@ -43,6 +43,7 @@ mod sieve;
 mod solids;
 mod spheres;
 mod table;
+mod walk;
 mod walls;
 
 use crate::control::{Control, Phase, Progress};

@@ -3,19 +3,24 @@
 //! Pairs come from the table of the check, which sees the spheres around the grains. What two grains prove and what a
 //! wall asks for is said by their kind ([`Convex`]). Required gaps are those of the diameters of equal volume.
 
+use std::num::NonZeroUsize;
+
 use nalgebra::Vector3;
 
 use super::convex::Convex;
 use super::required::Required;
 use super::separation::{Direction, Image, Verdict};
 use super::table::{Grain, Table};
-use super::{Fault, Pairs, SeparationCertificate, report};
+use super::walk::{Findings, Walk};
+use super::{Fault, Pairs, SeparationCertificate};
 use crate::arrays::{self, Each as _};
 use crate::control::Control;
-use crate::cpu::Cpu;
-use crate::memory::{OutOfMemory, push, reserved};
+use crate::memory::{OutOfMemory, make_room, push, reserved};
 use crate::packing::Spheres;
 use crate::request::{Distance, Specimen};
+
+/// Grains of a piece of the walk, some of which take a millisecond.
+const GRAINS_PER_PIECE: usize = 256;
 
 /// The bodies of a packing and what its request demands of them.
 #[derive(Debug)]
@@ -79,8 +84,8 @@ impl<B: Convex> Packing<B> {
 
     /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it takes to know the
     /// smallest gap.
-    pub(super) fn check_pairs(&self, control: &dyn Control) -> Result<Pairs, Fault> {
-        let mut findings = Findings::new(None);
+    pub(super) fn check_pairs(&self, threads: NonZeroUsize, control: &dyn Control) -> Result<Pairs, Fault> {
+        let mut findings = Found::new(None);
         self.check_own_images(&mut findings)?;
         let Some(d_least) = self.bodies.iter().map(B::equivalent_diameter).reduce(f64::min) else {
             return Ok(findings.pairs());
@@ -90,8 +95,9 @@ impl<B: Convex> Packing<B> {
         // A dense packing has many pairs closer than this; a loose one is looked at again, further out. Rounding errors
         // of the distances are far below.
         let mut look = (0.05 * d_least).max(1.0e-12 * farthest);
+        let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
         loop {
-            self.look_at_pairs(look, &mut findings, control)?;
+            self.look_at_pairs(look, &mut findings, &walk)?;
             // Pairs not seen keep their rule's distance and `look` more.
             let known = findings.gap <= surely_kept + look && findings.excess <= look;
             if known || look > farthest || self.bodies.len() < 2 {
@@ -105,11 +111,13 @@ impl<B: Convex> Packing<B> {
     pub(super) fn certificates(
         &self,
         closer_than: f64,
+        threads: NonZeroUsize,
         control: &dyn Control,
     ) -> Result<Vec<SeparationCertificate>, Fault> {
-        let mut findings = Findings::new(Some(closer_than));
+        let mut findings = Found::new(Some(closer_than));
         self.check_own_images(&mut findings)?;
-        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, control)?;
+        let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
+        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, &walk)?;
         let mut certificates = findings.certificates;
         certificates.sort_unstable_by_key(|c| (c.first, c.second, c.image));
         Ok(certificates)
@@ -121,7 +129,7 @@ impl<B: Convex> Packing<B> {
         self.bodies.iter().map(|b| 2.0 * b.radius()).fold(diagonal, f64::max)
     }
 
-    fn look_at_pairs(&self, look: f64, findings: &mut Findings, control: &dyn Control) -> Result<(), Fault> {
+    fn look_at_pairs(&self, look: f64, known: &mut Found, walk: &Walk<'_>) -> Result<(), Fault> {
         let required = &self.required;
         let period = required.period_mm();
         // Equivalent diameters are at most those of the spheres around, and no rule's gap falls with a diameter.
@@ -132,38 +140,29 @@ impl<B: Convex> Packing<B> {
             #[inline(always)]
             |d_i, d_j| required.gap_mm(d_i, d_j) + look,
         )?;
-        let go_on = |done: usize| {
-            report(control, done, self.bodies.len());
-            !control.should_stop()
-        };
-        let walked = Cpu::detect().call(
+        let walked = walk.over(
+            &table,
+            || known.go_on(),
             #[inline(always)]
-            || {
-                table.for_each_pair(
-                    #[inline(always)]
-                    |i: usize, j: usize, a: &Grain, b: &Grain| {
-                        let r = Vector3::from(b.center) - Vector3::from(a.center);
-                        let reach =
-                            0.5 * (a.diameter + b.diameter) + required.gap_mm(a.diameter, b.diameter) + look;
-                        let Some(period) = period else {
-                            if r.norm_squared() <= reach * reach {
-                                self.look_at(i, j, [0.0; 3], look, findings);
-                            }
-                            return;
-                        };
-                        for_each_image(r, period, reach, |image| self.look_at(i, j, image, look, findings));
-                    },
-                    go_on,
-                )
+            |found: &mut Found, i: usize, j: usize, a: &Grain, b: &Grain| {
+                let r = Vector3::from(b.center) - Vector3::from(a.center);
+                let reach = 0.5 * (a.diameter + b.diameter) + required.gap_mm(a.diameter, b.diameter) + look;
+                let Some(period) = period else {
+                    if r.norm_squared() <= reach * reach {
+                        self.look_at(i, j, [0.0; 3], look, found);
+                    }
+                    return;
+                };
+                for_each_image(r, period, reach, |image| self.look_at(i, j, image, look, found));
             },
-        );
-        findings.checked += walked.ok_or(Fault::Stopped)?;
-        findings.judge()
+        )?;
+        known.checked += walked.pairs;
+        walked.findings.into_iter().try_for_each(|found| known.take(found))
     }
 
     /// Looks at one pair: whether it keeps its gap, and whether it is among the closest.
     #[inline(always)]
-    fn look_at(&self, first: usize, second: usize, image: [f64; 3], look: f64, findings: &mut Findings) {
+    fn look_at(&self, first: usize, second: usize, image: [f64; 3], look: f64, findings: &mut Found) {
         if findings.fault.is_some() {
             return;
         }
@@ -187,7 +186,7 @@ impl<B: Convex> Packing<B> {
     }
 
     /// In a periodic box a grain must also keep its distance from its own images.
-    fn check_own_images(&self, findings: &mut Findings) -> Result<(), Fault> {
+    fn check_own_images(&self, findings: &mut Found) -> Result<(), Fault> {
         let Some(period) = self.required.period_mm() else { return Ok(()) };
         let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
         for (grain, body) in self.bodies.iter().enumerate() {
@@ -236,7 +235,7 @@ fn for_each_image(r: Vector3<f64>, period: [f64; 3], reach: f64, mut visit: impl
 
 /// What the pairs looked at so far have shown.
 #[derive(Debug)]
-struct Findings {
+struct Found {
     gap: f64,
     excess: f64,
     checked: u64,
@@ -246,7 +245,13 @@ struct Findings {
     refused: Option<OutOfMemory>,
 }
 
-impl Findings {
+impl Findings for Found {
+    fn have_fault(&self) -> bool {
+        self.fault.is_some()
+    }
+}
+
+impl Found {
     fn new(closer_than: Option<f64>) -> Self {
         Self {
             gap: f64::INFINITY,
@@ -257,6 +262,20 @@ impl Findings {
             certificates: Vec::new(),
             refused: None,
         }
+    }
+
+    /// Nothing yet but the distances that are known: only closer pairs are of interest.
+    fn go_on(&self) -> Self {
+        Self { gap: self.gap, excess: self.excess, ..Self::new(self.closer_than) }
+    }
+
+    /// Takes what others have found.
+    fn take(&mut self, mut other: Self) -> Result<(), Fault> {
+        other.judge()?;
+        (self.gap, self.excess) = (self.gap.min(other.gap), self.excess.min(other.excess));
+        make_room(&mut self.certificates, other.certificates.len())?;
+        self.certificates.append(&mut other.certificates);
+        Ok(())
     }
 
     #[cold]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
+use std::num::NonZeroUsize;
 
 use super::convex::{Body, Convex};
 use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
@@ -14,17 +15,20 @@ use crate::packing::{GrainsRef, Solids};
 use crate::request::{Distance, PackingRequest, Specimen};
 use crate::shape::{self, Ellipsoid, Pose, SizeMeasure, SolidRef};
 
-/// Checks a packing of grains that are no spheres against its request, by the sizes of its mix.
+/// Checks a packing of grains that are no spheres against its request, by the sizes of its mix, on so many threads.
+/// What is found does not depend on the threads.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
 pub fn check_solids(
     solids: &Solids,
     request: &PackingRequest,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let shapes = shapes_of(solids)?;
-    judge_shapes((&shapes, &solids.poses, &solids.aggregate), request, request.mix.size, control)
+    let grains = (&*shapes, &*solids.poses, &*solids.aggregate);
+    judge_shapes(grains, request, request.mix.size, (threads, control))
 }
 
 fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
@@ -50,7 +54,7 @@ pub fn check_shapes(
     size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge_shapes((shapes, poses, &[]), request, size, control)
+    judge_shapes((shapes, poses, &[]), request, size, (NonZeroUsize::MIN, control))
 }
 
 /// Checks shapes at their poses with the aggregate of each, none where the mix names none.
@@ -58,7 +62,7 @@ fn judge_shapes(
     (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
     request: &PackingRequest,
     size: SizeMeasure,
-    control: &dyn Control,
+    run: (NonZeroUsize, &dyn Control),
 ) -> Result<Check, Fault> {
     let region = (request.distance, request.specimen);
     // Pairs of ellipsoids are worth a loop of their own.
@@ -66,7 +70,7 @@ fn judge_shapes(
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
         let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return check_bodies(&packing, grains, aggregate, request, control);
+        return check_bodies(&packing, grains, aggregate, request, run);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -84,7 +88,7 @@ fn judge_shapes(
         (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => SIEVE_ERROR,
         _ => SIZE_ERROR,
     };
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, control)
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, run)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -99,11 +103,12 @@ pub fn certify_shapes(
     closer_than_mm: f64,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    certificates(shapes, poses, (request.distance, request.specimen), closer_than_mm, control)
+    let region = (request.distance, request.specimen);
+    certificates(shapes, poses, region, closer_than_mm, (NonZeroUsize::MIN, control))
 }
 
-/// Checks that no two grains overlap, and returns a direction for each pair whose gap is less than `closer_than_mm`, in
-/// the order of their rows. Spheres are checked as ellipsoids with equal axes.
+/// Checks on so many threads that no two grains overlap, and returns a direction for each pair whose gap is less than
+/// `closer_than_mm`, in the order of their rows. Spheres are checked as ellipsoids with equal axes.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
@@ -111,6 +116,7 @@ pub fn certify(
     grains: GrainsRef<'_>,
     specimen: &Specimen,
     closer_than_mm: f64,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     let region = (Distance::None { wall_gap_mm: None }, *specimen);
@@ -122,10 +128,10 @@ pub fn certify(
             };
             let packing = Packing::new(spheres.len(), body, region)?;
             packing.check_walls()?;
-            packing.certificates(closer_than_mm, control)
+            packing.certificates(closer_than_mm, threads, control)
         }
         GrainsRef::Solids(solids) => {
-            certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, control)
+            certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, (threads, control))
         }
     }
 }
@@ -135,16 +141,16 @@ fn certificates(
     poses: &[Pose],
     region: (Distance, Specimen),
     closer_than_mm: f64,
-    control: &dyn Control,
+    (threads, control): (NonZeroUsize, &dyn Control),
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     if let Some(ellipsoids) = ellipsoids_of(shapes)? {
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         packing.check_walls()?;
-        return packing.certificates(closer_than_mm, control);
+        return packing.certificates(closer_than_mm, threads, control);
     }
     let packing = bodies(shapes, poses, region)?;
     packing.check_walls()?;
-    packing.certificates(closer_than_mm, control)
+    packing.certificates(closer_than_mm, threads, control)
 }
 
 /// The ellipsoids, where all are.
@@ -185,10 +191,10 @@ fn check_bodies<B: Convex>(
     grains: Grains<'_>,
     aggregate: &[u16],
     request: &PackingRequest,
-    control: &dyn Control,
+    (threads, control): (NonZeroUsize, &dyn Control),
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
-    let pairs = packing.check_pairs(control)?;
+    let pairs = packing.check_pairs(threads, control)?;
     let graded = grading::check(grains, aggregate, request).map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
 }

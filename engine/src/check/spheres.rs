@@ -1,31 +1,37 @@
 //! The check of spheres.
 
+use std::num::NonZeroUsize;
+
 use nalgebra::Vector3;
 
 use super::grading::{self, Grains};
 use super::required::Required;
 use super::table::{Grain, Table};
-use super::{Check, Fault, Pairs, report};
+use super::walk::{Findings, Walk};
+use super::{Check, Fault, Pairs};
 use crate::control::{Control, Unattended};
-use crate::cpu::Cpu;
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
+
+/// Grains of a piece of the walk, some of which take a millisecond.
+const GRAINS_PER_PIECE: usize = 4096;
 
 /// Checks a packing against its request.
 ///
 /// # Errors
 /// The first fault found.
 pub fn check(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Fault> {
-    check_with(spheres, request, &Unattended)
+    check_with(spheres, request, NonZeroUsize::MIN, &Unattended)
 }
 
-/// [`check`] with progress, and with a way to stop it.
+/// [`check`] on so many threads, with progress and with a way to stop it. What is found does not depend on the threads.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
 pub fn check_with(
     spheres: &Spheres,
     request: &PackingRequest,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let n = spheres.len();
@@ -41,7 +47,7 @@ pub fn check_with(
     }
     let required = Required::new(request.distance, request.specimen);
     let min_wall_gap_mm = check_walls(spheres, &required)?;
-    let pairs = check_pairs(spheres, &required, control)?;
+    let pairs = check_pairs(spheres, &required, threads, control)?;
     let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
         .map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
@@ -68,77 +74,44 @@ fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fa
     Ok(least)
 }
 
+/// What the pairs of a piece have shown.
+struct Nearest {
+    gap_mm: f64,
+    excess_mm: f64,
+    fault: Option<Fault>,
+}
+
+impl Findings for Nearest {
+    fn have_fault(&self) -> bool {
+        self.fault.is_some()
+    }
+}
+
 /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it
 /// takes to know the smallest gap.
-fn check_pairs(spheres: &Spheres, required: &Required, control: &dyn Control) -> Result<Pairs, Fault> {
-    let period = required.period_mm();
+fn check_pairs(
+    spheres: &Spheres,
+    required: &Required,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<Pairs, Fault> {
     let mut pairs = own_images(spheres, required)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
     let bounds = required.bounds_mm();
     let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
     let surely_kept = required.gap_mm(d_least, d_least);
+    let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
     // A dense packing has many pairs closer than this; a loose one is looked at again, further out.
     let mut look = 0.05 * d_least;
     loop {
-        let table = Table::build(
-            spheres,
-            bounds,
-            period.is_some(),
-            #[inline(always)]
-            |d_i, d_j| required.gap_mm(d_i, d_j) + look,
-        )?;
-        let mut nearest = (f64::INFINITY, f64::INFINITY);
-        let mut fault = None;
-        let go_on = |done: usize| {
-            report(control, done, spheres.len());
-            !control.should_stop()
-        };
-        let walked = Cpu::detect().call(
-            #[inline(always)]
-            || {
-                table.for_each_pair(
-                    #[inline(always)]
-                    |i: usize, j: usize, a: &Grain, b: &Grain| {
-                        let mut separation = Vector3::from(a.center) - Vector3::from(b.center);
-                        if let Some(period) = period {
-                            for axis in 0..3 {
-                                separation[axis] -= period[axis] * (separation[axis] / period[axis]).round();
-                            }
-                        }
-                        // Far pairs are most pairs; the root is only taken of the others.
-                        let radii = 0.5 * (a.diameter + b.diameter);
-                        let required_mm = required.gap_mm(a.diameter, b.diameter);
-                        let reach = radii + required_mm + look;
-                        let distance2 = separation.norm_squared();
-                        if distance2 > reach * reach {
-                            return;
-                        }
-                        let distance = distance2.sqrt();
-                        let (clearance_mm, excess_mm) = (distance - radii, distance - (radii + required_mm));
-                        nearest = (nearest.0.min(clearance_mm), nearest.1.min(excess_mm));
-                        if excess_mm < 0.0 && fault.is_none() {
-                            fault = Some(Fault::Pair {
-                                first: i.min(j),
-                                second: i.max(j),
-                                clearance_mm,
-                                required_mm,
-                            });
-                        }
-                    },
-                    go_on,
-                )
-            },
-        );
-        pairs.checked += walked.ok_or(Fault::Stopped)?;
-        if let Some(fault) = fault {
-            return Err(fault);
-        }
+        let (nearest, walked) = nearest(spheres, required, look, &walk)?;
+        pairs.checked += walked;
         let closer = |old: Option<f64>, new: f64| {
             let least = old.map_or(new, |o| o.min(new));
             least.is_finite().then_some(least)
         };
-        let gap = closer(pairs.min_gap_mm, nearest.0);
-        let excess = closer(pairs.min_excess_gap_mm, nearest.1);
+        let gap = closer(pairs.min_gap_mm, nearest.gap_mm);
+        let excess = closer(pairs.min_excess_gap_mm, nearest.excess_mm);
         // Pairs not seen keep their rule's distance and `look` more.
         let known = gap.is_some_and(|g| g <= surely_kept + look) && excess.is_some_and(|e| e <= look);
         if known || look > farthest || spheres.len() < 2 {
@@ -148,6 +121,63 @@ fn check_pairs(spheres: &Spheres, required: &Required, control: &dyn Control) ->
         }
         look *= 4.0;
     }
+}
+
+/// Checks all pairs and finds the nearest of those that are no farther apart than their rule demands and `look` more;
+/// returns the number of pairs as well.
+fn nearest(
+    spheres: &Spheres,
+    required: &Required,
+    look: f64,
+    walk: &Walk<'_>,
+) -> Result<(Nearest, u64), Fault> {
+    let period = required.period_mm();
+    let table = Table::build(
+        spheres,
+        required.bounds_mm(),
+        period.is_some(),
+        #[inline(always)]
+        |d_i, d_j| required.gap_mm(d_i, d_j) + look,
+    )?;
+    let empty = || Nearest { gap_mm: f64::INFINITY, excess_mm: f64::INFINITY, fault: None };
+    let walked = walk.over(
+        &table,
+        empty,
+        #[inline(always)]
+        |nearest: &mut Nearest, i: usize, j: usize, a: &Grain, b: &Grain| {
+            let mut separation = Vector3::from(a.center) - Vector3::from(b.center);
+            if let Some(period) = period {
+                for axis in 0..3 {
+                    separation[axis] -= period[axis] * (separation[axis] / period[axis]).round();
+                }
+            }
+            // Far pairs are most pairs; the root is only taken of the others.
+            let radii = 0.5 * (a.diameter + b.diameter);
+            let required_mm = required.gap_mm(a.diameter, b.diameter);
+            let reach = radii + required_mm + look;
+            let distance2 = separation.norm_squared();
+            if distance2 > reach * reach {
+                return;
+            }
+            let distance = distance2.sqrt();
+            let (clearance_mm, excess_mm) = (distance - radii, distance - (radii + required_mm));
+            nearest.gap_mm = nearest.gap_mm.min(clearance_mm);
+            nearest.excess_mm = nearest.excess_mm.min(excess_mm);
+            if excess_mm < 0.0 && nearest.fault.is_none() {
+                let (first, second) = (i.min(j), i.max(j));
+                nearest.fault = Some(Fault::Pair { first, second, clearance_mm, required_mm });
+            }
+        },
+    )?;
+    let mut nearest = empty();
+    for found in walked.findings {
+        if let Some(fault) = found.fault {
+            return Err(fault);
+        }
+        nearest.gap_mm = nearest.gap_mm.min(found.gap_mm);
+        nearest.excess_mm = nearest.excess_mm.min(found.excess_mm);
+    }
+    Ok((nearest, walked.pairs))
 }
 
 /// In a periodic box a grain must also keep its distance from its own images.

@@ -4,13 +4,12 @@
 //! looks for partners in its own octave and in the finer ones: coarse grains are few, and meet the
 //! fine ones around them in long runs, for grains lie in memory in the order of their cells.
 
+use std::ops::Range;
+
 use crate::arrays::{self, Each as _};
 use crate::elementary::{cbrt, log2};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
-
-/// Grains between two looks at whether to go on: about a millisecond.
-const GRAINS_PER_LOOK: usize = 4096;
 
 /// A grain as the table holds it.
 #[derive(Clone, Copy, Debug)]
@@ -32,6 +31,15 @@ struct Octave {
     grains: Vec<Grain>,
     /// Row of each grain in the packing.
     rows: Vec<u32>,
+}
+
+/// A piece of the walk over all pairs: grains of one octave, which look for partners in it or in a finer one.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    coarse: usize,
+    fine: usize,
+    /// Which grains of the coarse octave.
+    pub(super) grains: Range<usize>,
 }
 
 /// The table.
@@ -76,49 +84,58 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
         Ok(Self { octaves, periodic, reach_beyond })
     }
 
-    /// Calls `visit(row_i, row_j, grain_i, grain_j)` once for every pair in reach, and for some
-    /// beyond; returns how many. `go_on` is told now and then how many grains are done, and ends the
-    /// walk with `None` when it says no.
+    /// Number of grains.
+    pub(super) fn grains(&self) -> usize {
+        self.octaves.iter().map(|octave| octave.grains.len()).sum()
+    }
+
+    /// The pieces of a walk over all pairs, with so many grains at most.
+    pub(super) fn pieces(&self, grains: usize) -> impl Iterator<Item = Piece> + Clone {
+        let octaves = self.octaves.iter().map(|octave| octave.grains.len()).enumerate();
+        let number = self.octaves.len();
+        octaves.flat_map(move |(coarse, length)| {
+            (coarse..number).flat_map(move |fine| {
+                (0..length).step_by(grains).map(move |start| Piece {
+                    coarse,
+                    fine,
+                    grains: start..length.min(start + grains),
+                })
+            })
+        })
+    }
+
+    /// Calls `visit(row_i, row_j, grain_i, grain_j)` once for every pair in reach of a piece, and for some beyond;
+    /// returns how many.
     #[inline(always)]
     pub(super) fn for_each_pair(
         &self,
+        piece: &Piece,
         mut visit: impl FnMut(usize, usize, &Grain, &Grain),
-        go_on: impl Fn(usize) -> bool,
-    ) -> Option<u64> {
+    ) -> u64 {
         let mut pairs = 0;
-        let mut walked = 0_usize;
-        let walks: usize =
-            self.octaves.iter().enumerate().map(|(i, o)| o.grains.len() * (self.octaves.len() - i)).sum();
-        let grains: usize = self.octaves.iter().map(|o| o.grains.len()).sum();
-        for (index, coarse) in self.octaves.iter().enumerate() {
-            for (steps, fine) in self.octaves[index..].iter().enumerate() {
-                let same = steps == 0;
-                for (i, grain) in coarse.grains.iter().enumerate() {
-                    walked += 1;
-                    if walked.is_multiple_of(GRAINS_PER_LOOK) && !go_on(walked * grains / walks) {
-                        return None;
+        let (coarse, fine) = (&self.octaves[piece.coarse], &self.octaves[piece.fine]);
+        let same = piece.coarse == piece.fine;
+        for i in piece.grains.clone() {
+            let grain = &coarse.grains[i];
+            let beyond = (self.reach_beyond)(grain.diameter, fine.top);
+            let reach = (grain.diameter + fine.top) / 2.0 + beyond;
+            fine.for_each_run(
+                grain.center,
+                reach,
+                self.periodic,
+                same,
+                #[inline(always)]
+                |from: usize, to: usize| {
+                    // Within an octave each pair is met from both sides; one side counts it.
+                    let from = if same { from.max(i + 1) } else { from };
+                    for j in from..to.max(from) {
+                        pairs += 1;
+                        visit(coarse.rows[i] as usize, fine.rows[j] as usize, grain, &fine.grains[j]);
                     }
-                    let beyond = (self.reach_beyond)(grain.diameter, fine.top);
-                    let reach = (grain.diameter + fine.top) / 2.0 + beyond;
-                    fine.for_each_run(
-                        grain.center,
-                        reach,
-                        self.periodic,
-                        same,
-                        #[inline(always)]
-                        |from: usize, to: usize| {
-                            // Within an octave each pair is met from both sides; one side counts it.
-                            let from = if same { from.max(i + 1) } else { from };
-                            for j in from..to.max(from) {
-                                pairs += 1;
-                                visit(coarse.rows[i] as usize, fine.rows[j] as usize, grain, &fine.grains[j]);
-                            }
-                        },
-                    );
-                }
-            }
+                },
+            );
         }
-        Some(pairs)
+        pairs
     }
 }
 

@@ -111,14 +111,13 @@ pub(super) fn write(
             ),
         )]));
     }
-    let found =
-        check::certify(model.grains, model.specimen, closer_than_mm, control).map_err(
-            |fault| match fault {
-                Fault::Stopped => ExportError::Stopped,
-                Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
-                fault => ExportError::CheckFailed(fault.to_string()),
-            },
-        )?;
+    let threads = limits.export_threads;
+    let found = check::certify(model.grains, model.specimen, closer_than_mm, threads, control);
+    let found = found.map_err(|fault| match fault {
+        Fault::Stopped => ExportError::Stopped,
+        Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
+        fault => ExportError::CheckFailed(fault.to_string()),
+    })?;
     let mut rows = Rows::begin(out, options.format, &COLUMNS, &[("closer_than_mm", closer_than_mm)])?;
     for (number, certificate) in found.iter().enumerate() {
         if number.is_multiple_of(ROWS_PER_LOOK) {

@@ -3,6 +3,7 @@
 mod shaped;
 mod spheres;
 
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use crate::analysis::{separation, shape_report};
@@ -89,7 +90,7 @@ pub fn pack_or_resume(
         checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
     }
     let checking = Instant::now();
-    let check = judged(&placed.grains, &checked, control)?;
+    let check = judged(&placed.grains, &checked, limits.threads, control)?;
 
     let rule = DistanceRule::new(&checked.distance, &checked.specimen);
     let mut warnings: Vec<String> = coarse.into_iter().collect();
@@ -235,11 +236,16 @@ fn stopped(placed: usize, grains: usize) -> PackError {
 }
 
 /// Checks the grains by formulas of the check's own.
-fn judged(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> Result<Check, PackError> {
+fn judged(
+    grains: &Grains,
+    request: &PackingRequest,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<Check, PackError> {
     let share = Part::new(control, PACKING_SHARE, 1.0);
     let checked = match grains {
-        Grains::Spheres(spheres) => check::check_with(spheres, request, &share),
-        Grains::Solids(solids) => check::check_solids(solids, request, &share),
+        Grains::Spheres(spheres) => check::check_with(spheres, request, threads, &share),
+        Grains::Solids(solids) => check::check_solids(solids, request, threads, &share),
     };
     let number = grains.len() as u64;
     let checked = checked.map_err(|fault| match fault {

@@ -3,6 +3,7 @@
 mod ellipsoids;
 mod mixed;
 mod polyhedra;
+mod threads;
 
 use crate::properties::properties;
 use proptest::prelude::*;
