@@ -5,7 +5,7 @@
 //!
 //! A Fuller mix of 2 to 16 mm, 60 % by volume, in a cube of that edge or, with `shape=cylinder`, in a cylinder of that
 //! diameter and twice its height. Grains keep the clearance that the documentation recommends, or none with
-//! `clearance=0`. `threads=N` write them. The files go to the directory `out=...`, or nowhere. All other
+//! `clearance=0`. `threads=N` check it and write them. The files go to the directory `out=...`, or nowhere. All other
 //! keys are options of the lattice.
 
 use std::error::Error;
@@ -92,7 +92,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         since = now;
     };
     let model = Model::new(&request.specimen, &grains);
-    let lattice = Lattice::make(&model, &options, &Limits::default(), &Unattended)?;
+    let limits = Limits { export_threads: threads, ..Limits::default() };
+    let lattice = Lattice::make(&model, &options, &limits, &Unattended)?;
     lap("lattice with checks", "");
     let nodes = lattice.nodes().points_mm.clone();
     delaunay::delaunay(&nodes, &Unattended)?;

@@ -1,12 +1,9 @@
 //! Progress of an export that counts its steps.
 
 use crate::control::{Control, Phase, Progress};
-use crate::export::{ExportError, go_on};
 
-/// Steps between two looks: about a millisecond of geometry.
-const STEPS_PER_LOOK: usize = 1024;
-/// Looks between two reports.
-pub(super) const LOOKS_PER_REPORT: usize = 16;
+/// Pieces of work, of about a millisecond each, between two reports.
+pub(super) const PIECES_PER_REPORT: usize = 16;
 
 /// Steps of a piece of work; a [`Part`](crate::control::Part) makes them a part of a whole.
 #[derive(Clone, Copy)]
@@ -19,17 +16,6 @@ pub(super) struct Steps<'a> {
 }
 
 impl Steps<'_> {
-    /// Asks whether to go on where step `done` is due for it, and reports now and then.
-    pub(super) fn look(&self, done: usize) -> Result<(), ExportError> {
-        if !done.is_multiple_of(STEPS_PER_LOOK) {
-            return Ok(());
-        }
-        if done.is_multiple_of(STEPS_PER_LOOK * LOOKS_PER_REPORT) {
-            self.report(done);
-        }
-        go_on(self.control)
-    }
-
     /// Reports that so many steps are done.
     pub(super) fn report(&self, done: usize) {
         let fraction = if self.total == 0 { 1.0 } else { done as f64 / self.total as f64 };

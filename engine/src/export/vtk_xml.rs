@@ -1,11 +1,14 @@
 //! VTK XML files with raw appended data, written array by array, for image data, poly data and unstructured grids.
 //!
 //! The length of every array is known before its values are, so that the head, which states the offset of each, comes
-//! first and no more than a block of values is held.
+//! first and no more than a few blocks of values are held. Threads share the values that take time to compute.
 
 use std::io::{self, Write};
+use std::num::NonZeroUsize;
+use std::ops::Range;
 
 use super::ExportError;
+use super::pieces::{in_order, slots};
 use super::provenance::Provenance;
 
 /// Bytes that are gathered before they are written.
@@ -66,6 +69,19 @@ pub(super) struct VtkXml<'a> {
     /// Tag of the section that arrays are added to.
     section: Option<&'static str>,
     arrays: Vec<Array<'a>>,
+    /// Threads that share the values of [`VtkXml::shared`].
+    threads: NonZeroUsize,
+}
+
+/// Values of a piece of an array.
+#[derive(Default)]
+pub(super) struct Values(Vec<u8>);
+
+impl Values {
+    /// Takes the next value.
+    pub(super) fn put(&mut self, value: impl Value) {
+        value.push(&mut self.0);
+    }
 }
 
 /// Where the values of an array go.
@@ -128,7 +144,12 @@ impl<'a> VtkXml<'a> {
             &provenance.map_or_else(String::new, |provenance| field_data(provenance, data_set)),
             &format!("    <Piece{}>\n", text(piece)),
         ];
-        Self { data_set, head: head.concat(), section: None, arrays: Vec::new() }
+        Self { data_set, head: head.concat(), section: None, arrays: Vec::new(), threads: NonZeroUsize::MIN }
+    }
+
+    /// The same file, whose shared arrays are computed on so many threads. Its bytes do not depend on them.
+    pub(super) fn on_threads(self, threads: NonZeroUsize) -> Self {
+        Self { threads, ..self }
     }
 
     /// Begins a section, as `Points` or `CellData`; `scalars` names the array that readers show first.
@@ -179,6 +200,32 @@ impl<'a> VtkXml<'a> {
         );
         self.head.push_str(&array);
         self.arrays.push(Array { name, bytes: len as u64 * T::BYTES, fill: Box::new(fill) });
+    }
+
+    /// Adds an array of `len` values of a number of items, each of which has some of the values: `values` puts those of
+    /// a range of items, and threads share the ranges.
+    pub(super) fn shared<T: Value>(
+        &mut self,
+        name: &'static str,
+        (len, items): (usize, usize),
+        values: impl Fn(Range<usize>, &mut Values) + Sync + 'a,
+    ) {
+        let bytes_per_item = (len * T::BYTES as usize / items.max(1)).max(1);
+        let items_per_piece = (BLOCK_BYTES / bytes_per_item).max(1);
+        let pieces = items.div_ceil(items_per_piece);
+        let threads = self.threads;
+        self.fill::<T>(name, len, move |sink| {
+            let make = |piece: usize, made: &mut Values| {
+                let first = piece * items_per_piece;
+                made.0.clear();
+                values(first..items.min(first + items_per_piece), made);
+                Ok(())
+            };
+            in_order(&mut slots(threads, pieces, Values::default), pieces, make, |_, made| {
+                sink.write_all(&made.0)?;
+                (sink.watch)(sink.written)
+            })
+        });
     }
 
     /// Bytes of all arrays.

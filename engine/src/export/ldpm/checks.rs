@@ -1,19 +1,18 @@
 //! The checks T1 to T10 and T12 of a lattice, run on every one that is made: a pass over its tetrahedra, one over
 //! its surface, and what the topology says. (T11 and T14 are tests of the code; T13 is in `spheres`.)
 
-use std::cmp::Ordering;
+use std::num::NonZeroUsize;
 
+use super::measured::{Measured, MeasuredTet, Mesh};
 use super::nodes::Nodes;
 use super::report::Checks;
-use super::tessellation::{
-    EDGES, Facet, Point, Tet, boundary_facets, edge_parameter, face_point, point, triangle_area,
-};
-use super::topology::{self, Topology, has_first};
+use super::tessellation::{Point, boundary_facets, edge_parameter, point, triangle_area};
+use super::topology::{self, Topology};
 use crate::arrays::Each as _;
 use crate::elementary::cbrt;
-use crate::export::ExportError;
-use crate::export::steps::Steps;
-use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
+use crate::export::pieces::{in_order, slots};
+use crate::export::steps::{PIECES_PER_REPORT, Steps};
+use crate::export::{ExportError, go_on};
 use crate::memory::filled;
 
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
@@ -59,58 +58,47 @@ impl Sum {
 
 /// Outward area vectors of a cell, and the sum of their lengths.
 #[derive(Clone, Copy, Default)]
-struct Closure {
+pub(super) struct Closure {
     vector: Point,
     area: f64,
 }
 
+/// Tetrahedra that one thread measures at a time.
+const TETS_PER_PIECE: usize = 256;
+
+/// Checks a lattice. Threads share what is measured of its tetrahedra; sums are taken in the order of tetrahedra, so
+/// that they do not depend on the threads.
 pub(super) fn check(
-    nodes: &Nodes,
-    tets: &[[u32; 4]],
-    neighbors: &[[u32; 4]],
+    mesh: &Mesh<'_>,
     topology: &Topology,
+    threads: NonZeroUsize,
     steps: &Steps<'_>,
 ) -> Result<Checked, ExportError> {
+    let Mesh { nodes, tets, neighbors } = *mesh;
     let mut cells = filled(nodes.len(), Cell::default())?;
     let mut closures = filled(nodes.len(), Closure::default())?;
     let mut checks = Checks { edge_parameter_min: f64::INFINITY, ..Checks::default() };
     let mut sums = Sums::default();
-    for (t, &tet) in tets.iter().enumerate() {
-        steps.look(t)?;
-        let tet = Tet::new(nodes, tet);
-        let facets: [Facet; 12] = std::array::from_fn(|facet| tet.facet(facet));
-        sums.add(&tet, &facets, &mut checks);
-        for facet in &facets {
-            let [from, to] = facet.ends.each(|end| tet.nodes[end] as usize);
-            let area = facet.area();
-            closures[from].add(facet.area_vector, area);
-            closures[to].add(-facet.area_vector, area);
-            let corners: Point = facet.vertices.iter().sum();
-            for (end, volume) in facet.ends.into_iter().zip(facet.volumes) {
-                let cell = &mut cells[tet.nodes[end] as usize];
-                cell.volume_mm3 += volume;
-                // The piece's centre of mass is the mean of its four corners, of which the node is one.
-                let moment = (corners - 3.0 * tet.corners[end]) * (volume / 4.0);
-                for (sum, part) in cell.first_moment_mm4.iter_mut().zip(moment.iter()) {
-                    *sum += part;
-                }
-            }
+    let pieces = tets.len().div_ceil(TETS_PER_PIECE);
+    let measure = |piece: usize, measured: &mut Measured| {
+        measured.tets.clear();
+        measured.checks = Checks::default();
+        let first = piece * TETS_PER_PIECE;
+        (first..tets.len().min(first + TETS_PER_PIECE)).for_each(|t| measured.add(mesh, t));
+        Ok(())
+    };
+    in_order(&mut slots(threads, pieces, Measured::default), pieces, measure, |piece, measured| {
+        if piece.is_multiple_of(PIECES_PER_REPORT) {
+            steps.report(piece * TETS_PER_PIECE);
         }
-        for (k, &other) in neighbors[t].iter().enumerate() {
-            if other == NONE || !has_first(t as u32, other) {
-                continue;
-            }
-            let across = neighbors[other as usize].iter().position(|&back| back as usize == t);
-            let seen = across.map(|k| FACES[k].each(|i| tets[other as usize][i]));
-            let point = seen.map(|face| face_point(nodes, face));
-            checks.nonconforming_faces += u64::from(point != Some(tet.faces[k]));
-            checks.delaunay_violations += u64::from(across.is_some_and(|k| {
-                let sphere = tet.nodes.each(|node| nodes.points_mm[node as usize]);
-                let beyond = nodes.points_mm[tets[other as usize][k] as usize];
-                inside_circumsphere(sphere, beyond) == Ordering::Greater
-            }));
+        go_on(steps.control)?;
+        checks.take(&measured.checks);
+        for tet in &measured.tets {
+            sums.add(tet);
+            tet.add_to(&mut cells, &mut closures);
         }
-    }
+        Ok::<(), ExportError>(())
+    })?;
     let surface = Surface::add(nodes, tets, neighbors, &mut closures);
     checks.closure_error = closures.iter().map(|c| c.vector.norm() / c.area).fold(0.0, f64::max);
     checks.cells_not_positive =
@@ -124,7 +112,7 @@ pub(super) fn check(
 }
 
 impl Closure {
-    fn add(&mut self, vector: Point, area: f64) {
+    pub(super) fn add(&mut self, vector: Point, area: f64) {
         self.vector += vector;
         self.area += area;
     }
@@ -141,47 +129,16 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, tet: &Tet, facets: &[Facet; 12], checks: &mut Checks) {
-        let volume = tet.volume();
-        // Plain sums of a tetrahedron's own, so that the careful ones have few terms.
-        let (mut pieces, mut unsigned, mut projected, mut fabric) = (0.0, 0.0, 0.0, [0.0; 6]);
-        let mut inverted = 0;
-        for facet in facets {
-            for piece in facet.volumes {
-                pieces += piece;
-                inverted += u64::from(piece < 0.0);
-            }
-            unsigned += facet.unsigned_volume();
-            let (area, along) = (facet.area(), facet.projected_area());
-            let excess = (along.abs() - area) / area.max(f64::MIN_POSITIVE);
-            checks.projected_area_error = checks.projected_area_error.max(excess);
-            checks.facets_not_positive += u64::from(along <= 0.0);
-            let weight = along * facet.length;
-            projected += weight / 3.0;
-            let n = facet.normal;
-            let products = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.y * n.z, n.z * n.x];
-            for (sum, product) in fabric.iter_mut().zip(products) {
-                *sum += weight * product;
-            }
-        }
-        self.unsigned.add(unsigned);
-        self.projected.add(projected);
-        for (sum, part) in self.fabric.iter_mut().zip(fabric) {
+    fn add(&mut self, tet: &MeasuredTet) {
+        self.unsigned.add(tet.unsigned);
+        self.projected.add(tet.projected);
+        for (sum, part) in self.fabric.iter_mut().zip(tet.fabric) {
             sum.add(part);
         }
-        self.volume.add(volume);
-        let corners: Point = tet.corners.iter().sum();
-        for (sum, part) in self.moment.iter_mut().zip((corners * (volume / 4.0)).iter()) {
+        self.volume.add(tet.volume);
+        for (sum, part) in self.moment.iter_mut().zip(tet.moment.iter()) {
             sum.add(*part);
         }
-        let longest2 = EDGES
-            .each(|[i, j]| (tet.corners[j] - tet.corners[i]).norm_squared())
-            .into_iter()
-            .fold(0.0, f64::max);
-        let error = (pieces - volume).abs() / (longest2 * longest2.sqrt());
-        checks.tetrahedron_volume_error = checks.tetrahedron_volume_error.max(error);
-        checks.inverted_pieces += inverted;
-        checks.inverted_tetrahedra += u64::from(inverted > 0);
     }
 
     fn conclude(&self, nodes: &Nodes, cells: &[Cell], volume: f64, checks: &mut Checks) {

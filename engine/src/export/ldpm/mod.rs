@@ -11,6 +11,7 @@ mod checks;
 mod chrono;
 mod clearances;
 mod grains;
+mod measured;
 mod nodes;
 mod obstacles;
 mod options;
@@ -41,6 +42,7 @@ use crate::memory;
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 use grains::Grains;
+use measured::Mesh;
 use tessellation::point;
 use topology::Topology;
 use vtu::Vtu;
@@ -120,7 +122,8 @@ impl Lattice {
         check_radii(&nodes, &topology)?;
         let (total, message) = (tets.len(), "cells, facets and their checks");
         let steps = Steps { control: &Part::new(control, 0.5, 1.0), total, unit: "tetrahedra", message };
-        let mut checked = checks::check(&nodes, &tets, &neighbors, &topology, &steps)?;
+        let mesh = Mesh { nodes: &nodes, tets: &tets, neighbors: &neighbors };
+        let mut checked = checks::check(&mesh, &topology, limits.export_threads, &steps)?;
         let mut node_report = NodeReport::new(&nodes, options);
         let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
         let spans = [clear, node_report.spacing_mm];
@@ -156,7 +159,7 @@ impl Lattice {
     ) -> Result<(), ExportError> {
         let (total, message) = (self.tets.len(), "writing the lattice");
         let steps = Steps { control, total, unit: "tetrahedra", message };
-        let vtu = Vtu { lattice: self, provenance, steps: &steps };
+        let vtu = Vtu { lattice: self, provenance, steps: &steps, threads };
         match options.format {
             LatticeFormat::Chrono => chrono::write(self, options, threads, &steps, out),
             LatticeFormat::Tets => vtu.write_tets(out),

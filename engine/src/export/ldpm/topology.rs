@@ -102,10 +102,13 @@ impl Topology {
 
     /// All edges, lower node first, in order.
     pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
-        (0..self.edge_starts.len() - 1).flat_map(|node| {
-            let range = self.edge_starts[node] as usize..self.edge_starts[node + 1] as usize;
-            self.edge_ends[range].iter().map(move |&end| [node as u32, end])
-        })
+        (0..self.edge_starts.len() - 1)
+            .flat_map(|node| self.edges_of(node).iter().map(move |&end| [node as u32, end]))
+    }
+
+    /// The upper nodes of the edges of a lower node, in order.
+    pub(super) fn edges_of(&self, node: usize) -> &[u32] {
+        &self.edge_ends[self.edge_starts[node] as usize..self.edge_starts[node + 1] as usize]
     }
 
     /// Nodes of an edge by its number, lower first.

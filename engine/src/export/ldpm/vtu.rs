@@ -1,16 +1,19 @@
 //! A lattice as VTK unstructured grids: its tetrahedra, its facets, its cells.
 //!
 //! Points of facets and cells are numbered tetrahedra first, then faces, then edges, then nodes of the surface,
-//! so that neighbours share them. Every array is a pass over the lattice, and computes facets and cells anew.
+//! so that neighbours share them. Every array is a pass over the lattice, and computes facets and cells anew; threads
+//! share it.
 
 use std::io::Write;
+use std::num::NonZeroUsize;
+use std::ops::Range;
 
 use super::Lattice;
-use super::tessellation::{EDGES, FACETS, Tet, edge_point, face_point, is_even, point};
+use super::tessellation::{EDGES, FACETS, Facet, Point, Tet, edge_point, face_point, is_even, point};
 use super::topology::{self, has_first};
 use crate::arrays::Each as _;
-use crate::export::steps::{LOOKS_PER_REPORT, Steps};
-use crate::export::vtk_xml::VtkXml;
+use crate::export::steps::{PIECES_PER_REPORT, Steps};
+use crate::export::vtk_xml::{Value, Values, VtkXml};
 use crate::export::{ExportError, Provenance, go_on};
 use crate::geometry::delaunay::{FACES, NONE};
 
@@ -23,19 +26,40 @@ pub(super) struct Vtu<'a> {
     pub(super) lattice: &'a Lattice,
     pub(super) provenance: Option<&'a Provenance>,
     pub(super) steps: &'a Steps<'a>,
+    /// Threads that share the arrays.
+    pub(super) threads: NonZeroUsize,
 }
 
-impl Vtu<'_> {
-    fn file(&self, points: usize, cells: usize) -> VtkXml<'_> {
+impl<'a> Vtu<'a> {
+    fn file<'f>(&self, points: usize, cells: usize) -> VtkXml<'f> {
         let piece = [("NumberOfPoints", points.to_string()), ("NumberOfCells", cells.to_string())];
-        VtkXml::new("UnstructuredGrid", &[], &piece, self.provenance)
+        VtkXml::new("UnstructuredGrid", &[], &piece, self.provenance).on_threads(self.threads)
+    }
+
+    /// Adds an array with a value of each facet.
+    fn of_facets<T: Value>(
+        &self,
+        file: &mut VtkXml<'a>,
+        name: &'static str,
+        value: impl Fn(&Facet) -> T + Sync + 'a,
+    ) {
+        let Lattice { nodes, tets, .. } = self.lattice;
+        file.shared::<T>(
+            name,
+            (12 * tets.len(), tets.len()),
+            move |range: Range<usize>, values: &mut Values| {
+                for &tet in &tets[range] {
+                    Tet::new(nodes, tet).facets().for_each(|facet| values.put(value(&facet)));
+                }
+            },
+        );
     }
 
     fn write(&self, file: VtkXml<'_>, out: &mut dyn Write) -> Result<(), ExportError> {
         let steps = Steps { total: file.bytes() as usize, unit: "bytes", ..*self.steps };
         let mut blocks: usize = 0;
         file.write(out, &mut |written| {
-            if blocks.is_multiple_of(LOOKS_PER_REPORT) {
+            if blocks.is_multiple_of(PIECES_PER_REPORT) {
                 steps.report(written as usize);
             }
             blocks += 1;
@@ -67,32 +91,31 @@ impl Vtu<'_> {
     /// Writes facets as triangles.
     pub(super) fn write_facets(&self, out: &mut dyn Write) -> Result<(), ExportError> {
         let numbers = Numbers::new(self.lattice)?;
-        let Lattice { nodes, tets, .. } = self.lattice;
+        let tets = &self.lattice.tets;
         let points = (numbers.tets + numbers.faces + numbers.edges) as usize;
         let m = 12 * tets.len();
-        let facets = || {
-            tets.iter().flat_map(|&tet| {
-                let tet = Tet::new(nodes, tet);
-                (0..12).map(move |facet| tet.facet(facet))
-            })
-        };
         let mut file = self.file(points, m);
         file.section("Points", None);
-        file.array("Points", points, numbers.points());
+        file.shared::<[f64; 3]>("Points", (points, numbers.owners()), move |range, values| {
+            range.for_each(|owner| numbers.points_of(owner, values));
+        });
         file.section("CellData", None);
-        file.array("area", m, facets().map(|facet| facet.area()));
-        file.array("projected_area", m, facets().map(|facet| facet.projected_area()));
-        file.array("volume", m, facets().map(|facet| facet.volumes[0] + facet.volumes[1]));
-        file.array("normal", m, facets().map(|facet| <[f64; 3]>::from(facet.normal)));
-        file.array("tangent_1", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[0])));
-        file.array("tangent_2", m, facets().map(|facet| <[f64; 3]>::from(facet.tangents()[1])));
+        self.of_facets(&mut file, "area", Facet::area);
+        self.of_facets(&mut file, "projected_area", Facet::projected_area);
+        self.of_facets(&mut file, "volume", |facet| facet.volumes[0] + facet.volumes[1]);
+        self.of_facets(&mut file, "normal", |facet| <[f64; 3]>::from(facet.normal));
+        self.of_facets(&mut file, "tangent_1", |facet| <[f64; 3]>::from(facet.tangents()[0]));
+        self.of_facets(&mut file, "tangent_2", |facet| <[f64; 3]>::from(facet.tangents()[1]));
         file.array("tetrahedron", m, (0..m).map(|facet| (facet / 12) as i32));
         let ends = |tet: &[u32; 4], edge: usize| EDGES[edge].each(|corner| tet[corner] as i32);
         let nodes_of = move |tet| FACETS.each(|[edge, _]| ends(tet, edge));
         file.array("nodes", m, tets.iter().flat_map(nodes_of));
         file.section("Cells", None);
-        let corners = |t| (0..12).flat_map(move |facet| numbers.facet(t, facet));
-        file.array("connectivity", 3 * m, (0..numbers.tets).flat_map(corners));
+        file.shared::<i32>("connectivity", (3 * m, tets.len()), move |range, values| {
+            for t in range {
+                (0..12).for_each(|facet| values.put(numbers.facet(t as u32, facet)));
+            }
+        });
         file.array("offsets", m, (1..=m).map(|facet| 3 * facet as i64));
         file.array("types", m, std::iter::repeat_n(TRIANGLE, m));
         self.write(file, out)
@@ -100,7 +123,7 @@ impl Vtu<'_> {
 
     /// Writes the cells of nodes as polyhedra.
     pub(super) fn write_cells(&self, out: &mut dyn Write) -> Result<(), ExportError> {
-        let numbers = &Numbers::new(self.lattice)?;
+        let numbers = Numbers::new(self.lattice)?;
         let Lattice { nodes, cells, tets, neighbors, topology, report } = self.lattice;
         let n = nodes.len();
         let [t, f, e] = [numbers.tets, numbers.faces, numbers.edges].each(|count| count as usize);
@@ -126,8 +149,13 @@ impl Vtu<'_> {
         };
         let mut file = self.file(points, n);
         file.section("Points", None);
-        let on_surface = nodes.points_mm[..nodes.boundary].iter().copied();
-        file.array("Points", points, numbers.points().chain(on_surface));
+        let owners = numbers.owners();
+        file.shared::<[f64; 3]>("Points", (points, owners + nodes.boundary), move |range, values| {
+            range.for_each(|owner| match owner.checked_sub(owners) {
+                None => numbers.points_of(owner, values),
+                Some(node) => values.put(nodes.points_mm[node]),
+            });
+        });
         file.section("CellData", None);
         file.array("volume", n, cells.iter().map(|cell| cell.volume_mm3));
         file.array("diameter", n, (0..n).map(|node| nodes.diameter_mm(node)));
@@ -137,23 +165,23 @@ impl Vtu<'_> {
         };
         file.array("center_of_mass", n, cells.iter().zip(&nodes.points_mm).map(center));
         file.section("Cells", None);
-        file.fill::<i32>("connectivity", connectivity, |sink| {
+        file.shared::<i32>("connectivity", (connectivity, n), move |range, values| {
             let mut cell = Polyhedron::default();
-            (0..n).try_for_each(|node| {
-                cell.take(numbers, node as u32);
-                cell.points().iter().try_for_each(|&point| sink.put(point))
-            })
+            for node in range {
+                cell.take(&numbers, node as u32);
+                cell.points().iter().for_each(|&point| values.put(point));
+            }
         });
         // The triangles close a sphere: Euler's formula has its points.
         file.array("offsets", n, ends(|triangles| triangles / 2 + 2));
         file.array("types", n, std::iter::repeat_n(POLYHEDRON, n));
-        file.fill::<i32>("faces", faces, |sink| {
+        file.shared::<i32>("faces", (faces, n), move |range, values| {
             let mut cell = Polyhedron::default();
-            (0..n).try_for_each(|node| {
-                cell.take(numbers, node as u32);
-                sink.put(cell.triangles.len() as i32)?;
-                cell.triangles.iter().try_for_each(|&[a, b, c]| sink.put([3, a, b, c]))
-            })
+            for node in range {
+                cell.take(&numbers, node as u32);
+                values.put(cell.triangles.len() as i32);
+                cell.triangles.iter().for_each(|&[a, b, c]| values.put([3, a, b, c]));
+            }
         });
         file.array("faceoffsets", n, ends(|triangles| 1 + 4 * triangles));
         self.write(file, out)
@@ -208,16 +236,26 @@ impl<'a> Numbers<'a> {
         [t as i32, self.face(t, face), self.edge(i, j)]
     }
 
-    /// All points but those of nodes.
-    fn points(&self) -> impl Iterator<Item = [f64; 3]> {
+    /// Number of what has points, but for those of nodes: tetrahedra have their own, tetrahedra again those of their
+    /// faces, nodes those of their edges.
+    fn owners(&self) -> usize {
+        2 * self.tets as usize + self.lattice.nodes.len()
+    }
+
+    /// Puts the points of an owner, in the order of their numbers.
+    fn points_of(&self, owner: usize, values: &mut Values) {
         let Lattice { nodes, tets, neighbors, topology, .. } = self.lattice;
-        let of_tets = tets.iter().map(|&tet| Tet::new(nodes, tet).middle);
-        let of_faces = tets.iter().zip(neighbors).enumerate().flat_map(move |(t, (tet, across))| {
-            let own = (0..4).filter(move |&k| has_first(t as u32, across[k]));
-            own.map(move |k| face_point(nodes, FACES[k].each(|corner| tet[corner])))
-        });
-        let of_edges = topology.edges().map(|[a, b]| edge_point(nodes, a, b));
-        of_tets.chain(of_faces).chain(of_edges).map(Into::into)
+        let mut put = |point: Point| values.put(<[f64; 3]>::from(point));
+        if let Some(&tet) = tets.get(owner) {
+            return put(Tet::new(nodes, tet).middle);
+        }
+        let owner = owner - tets.len();
+        if let Some(tet) = tets.get(owner) {
+            let own = (0..4).filter(|&k| has_first(owner as u32, neighbors[owner][k]));
+            return own.for_each(|k| put(face_point(nodes, FACES[k].each(|corner| tet[corner]))));
+        }
+        let node = owner - tets.len();
+        topology.edges_of(node).iter().for_each(|&end| put(edge_point(nodes, node as u32, end)));
     }
 }
 

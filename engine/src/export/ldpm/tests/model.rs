@@ -4,6 +4,7 @@ use std::sync::Mutex;
 use serde_json::json;
 
 use super::super::checks;
+use super::super::measured::Mesh;
 use super::super::topology::Topology;
 use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
 use super::{in_box, in_cylinder, with_clearance};
@@ -135,7 +136,9 @@ fn a_lattice_with_a_fault_does_not_pass() {
     let judged = |tets: &[[u32; 4]], neighbors: &[[u32; 4]]| {
         let topology = Topology::new(nodes.len(), tets, neighbors, &Unattended).unwrap();
         let steps = Steps { control: &Unattended, total: 0, unit: "", message: "" };
-        checks::check(&nodes, tets, neighbors, &topology, &steps).map(|_| ()).map_err(|e| e.to_string())
+        let mesh = Mesh { nodes: &nodes, tets, neighbors };
+        let found = checks::check(&mesh, &topology, NonZeroUsize::MIN, &steps);
+        found.map(|_| ()).map_err(|e| e.to_string())
     };
     judged(&tets, &neighbors).unwrap();
 
@@ -189,6 +192,25 @@ fn it_stops_when_told_to() {
         let error =
             made.write(&options, None, NonZeroUsize::MIN, &Impatient, &mut std::io::sink()).unwrap_err();
         assert!(matches!(error, ExportError::Stopped), "{error}");
+    }
+}
+
+#[test]
+fn files_do_not_depend_on_the_threads() {
+    for (specimen, spheres) in [in_box(), in_cylinder()] {
+        let model = Model::new(&specimen, &spheres);
+        for file in [LatticeFormat::Chrono, LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells]
+        {
+            let options = LatticeOptions { format: file, ..LatticeOptions::default() };
+            let [first, others @ ..] = [1, 2, 3, 8].map(|threads| {
+                let export_threads = NonZeroUsize::new(threads).unwrap();
+                let limits = Limits { export_threads, ..Limits::default() };
+                let mut bytes = Vec::new();
+                let report = write(&model, &options, &limits, &Unattended, &mut bytes).unwrap();
+                (report, bytes)
+            });
+            assert!(others.iter().all(|other| *other == first), "{file:?}");
+        }
     }
 }
 
