@@ -171,6 +171,7 @@ fn the_check_uses_nothing_of_what_makes_packings() {
                     | "memory"
                     | "shape"
                     | "sorting"
+                    | "threads"
             ) || path.starts_with("request::standard");
             assert!(is_allowed, "{}: crate::{path}", file.display());
         }

@@ -67,7 +67,7 @@ fn in_blocks(specimen: &Value, segregation: &Value) -> PackingRequest {
         },
         "segregation": segregation,
         "distance": {"type": "maximize"},
-        "method": {"type": "edmd", "stop": {"events": 1_200_000}},
+        "method": {"type": "edmd", "stop": {"events": 1_700_000}},
     });
     PackingRequest::from_json(&request, 1).unwrap()
 }

@@ -7,6 +7,11 @@
 //! lower the further the target lies beyond jamming: grains rearrange and are swapped faster than they grow, and the
 //! volume fraction of jamming rises. While the pressure is so high that hardly anything rearranges, gaps are closed at
 //! a constant rate.
+//!
+//! Without a target there is a number of collisions instead, after which the packing should have jammed. At a rate
+//! `gamma`, some `1 / gamma` collisions per grain raise the pressure by a factor of e, so that a rate of `0.7 / n` with
+//! `n` collisions per grain left makes the pressure rise as `n^-0.7`: most of the collisions take place while grains can
+//! rearrange, and the last ones close the gaps.
 
 /// Compression rate while grains are loose, where the request names none.
 pub(crate) const LOOSE_RATE: f64 = 0.1;
@@ -26,6 +31,9 @@ const FEW_GRAINS: f64 = 27.0;
 /// Share of the loose rate at which equal grains grow to the largest distance: they have nothing to
 /// exchange, and order is all that makes them denser.
 const EQUAL_GRAINS: f64 = 0.02;
+/// Rate towards the largest distance, times the collisions per grain that are left. Less is better where many are left,
+/// more where few are (`docs/edmd.md`).
+const PACE: f64 = 0.7;
 /// Pressure above which hardly anything rearranges,
 const FROZEN: f64 = 1500.0;
 /// and the least rate there, at which gaps close.
@@ -35,16 +43,17 @@ const CLOSING_RATE: f64 = 0.01;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct CompressionRate {
     loose: f64,
+    most: f64,
     slow: f64,
 }
 
 impl CompressionRate {
     /// The rate of so many grains towards a target, `loose` while they are loose.
     pub(crate) fn new(loose: f64, grains: usize) -> Self {
-        Self { loose, slow: SLOW * few(grains) }
+        Self { loose, most: loose, slow: SLOW * few(grains) }
     }
 
-    /// The rate towards the largest distance, of grains that may be all equal.
+    /// The rate of loose grains that grow to the largest distance and may be all equal.
     pub(crate) fn without_target(self, grains: usize, equal: bool) -> Self {
         let few = few(grains).powi(2);
         Self { loose: self.loose * if equal { few.min(EQUAL_GRAINS) } else { few }, ..self }
@@ -55,7 +64,13 @@ impl CompressionRate {
         self.loose
     }
 
-    /// The rate for the next cycle, at a [`distance_to_jamming`].
+    /// The rate for the next cycle towards the largest distance, with so many collisions per grain left.
+    pub(crate) fn paced(&self, reduced_pressure: f64, collisions_left: f64) -> f64 {
+        let pace = self.most.min(PACE / collisions_left.max(PACE / self.most));
+        if reduced_pressure < LOOSE { self.loose.max(pace) } else { pace }
+    }
+
+    /// The rate for the next cycle towards a target, at a [`distance_to_jamming`].
     pub(crate) fn next(&self, reduced_pressure: f64, distance_to_jamming: f64) -> f64 {
         if reduced_pressure < LOOSE {
             return self.loose;
@@ -100,7 +115,21 @@ mod tests {
         assert_eq!(rate.next(1e4, 1.0), CLOSING_RATE);
         // A structure that yields again is given time again.
         assert!(rate.next(1000.0, 0.5) < CLOSING_RATE);
-        assert!(CompressionRate::new(0.1, 50).without_target(50, false).next(2.0, 1.0) < 0.0011);
+    }
+
+    #[test]
+    fn growth_to_the_largest_distance_is_paced_by_the_collisions_left() {
+        let rate = CompressionRate::new(0.1, 10_000).without_target(10_000, false);
+        assert_eq!(rate.paced(2.0, 4000.0), 0.1);
+        assert!((rate.paced(100.0, 4000.0) - PACE / 4000.0).abs() < 1e-12);
+        assert!((rate.paced(1e5, 20.0) - PACE / 20.0).abs() < 1e-12);
+        for left in [5.0, 0.0, -1.0] {
+            assert_eq!(rate.paced(1e5, left), 0.1);
+        }
+        // Few grains order while they are loose, but not beyond the limit.
+        let few = CompressionRate::new(0.1, 50).without_target(50, false);
+        assert!(few.paced(2.0, 4000.0) < 0.0011);
+        assert_eq!(few.paced(2.0, 1.0), 0.1);
     }
 
     #[test]

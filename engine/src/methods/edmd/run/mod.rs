@@ -65,6 +65,10 @@ const PINNED_AMONG: usize = 50;
 /// is 1e-6 s and 1e-8 s.
 const TARGET_STALL: f64 = 2e-7;
 const DISTANCE_STALL: f64 = 2e-9;
+/// Collisions per grain in which grains grow to the largest distance and jam, where no limit is set,
+const LENGTH_COLLISIONS: f64 = STALL_EVENTS;
+/// and within any limit: more hardly makes denser packings.
+const MOST_LENGTH_COLLISIONS: f64 = 30_000.0;
 /// A packing that jams is expanded and grown again where its scale lacks at most this much,
 const NEAR_TARGET: f64 = 5e-4;
 /// by this share of its scale,
@@ -303,15 +307,16 @@ impl Run {
         self.system.threads = frame.threads;
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
-        let distance_to_jamming = match self.stage {
-            Stage::Scale => distance_to_jamming(
-                self.size.powi(3) * self.target_fraction,
-                self.target_fraction,
-                self.pressure,
-            ),
-            Stage::Length => 1.0,
+        let relative_speed = match self.stage {
+            Stage::Scale => {
+                let now = self.size.powi(3) * self.target_fraction;
+                let distance = distance_to_jamming(now, self.target_fraction, self.pressure);
+                self.compression_rate.next(self.pressure, distance)
+            }
+            // Equal grains have nothing to exchange, and order where they have time.
+            Stage::Length if frame.of_equal_grains() => self.compression_rate.next(self.pressure, 1.0),
+            Stage::Length => self.compression_rate.paced(self.pressure, self.collisions_left(frame)),
         };
-        let relative_speed = self.compression_rate.next(self.pressure, distance_to_jamming);
         // Grains that grow as fast as loose ones need neither swaps nor time to rearrange.
         let is_slowed = relative_speed < self.compression_rate.loose();
         let swaps_help = is_slowed && frame.options.swap != Some(false);
@@ -434,6 +439,17 @@ impl Run {
 
     pub(crate) fn elapsed_s(&self, frame: &Frame<'_>) -> f64 {
         self.earlier_s + frame.started.elapsed().as_secs_f64()
+    }
+
+    /// Collisions per grain that growth to the largest distance has left, in all of [`LENGTH_COLLISIONS`] without a
+    /// limit. With a limit of time they follow from their number per time so far.
+    fn collisions_left(&self, frame: &Frame<'_>) -> f64 {
+        let (stop, n) = (&frame.options.stop, self.system.len() as f64);
+        let done = self.system.counts.collisions() as f64 / n;
+        let by_events = stop.events.map(|most| most as f64 / n - done);
+        let by_time = stop.time_s.map(|most| (most / self.elapsed_s(frame) - 1.0) * done);
+        let by_limits = by_events.into_iter().chain(by_time).reduce(f64::min);
+        by_limits.map_or(LENGTH_COLLISIONS - done, |left| left.min(MOST_LENGTH_COLLISIONS - done))
     }
 
     fn out_of_time(&self, frame: &Frame<'_>) -> bool {
