@@ -3,7 +3,8 @@
 //! Reporting changes nothing about the packing: a run gives the same grains with and without it.
 
 use super::{
-    BEYOND_TARGET, CURVE_POINTS, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, Run, STALL_EVENTS, Stage,
+    BEYOND_TARGET, CURVE_POINTS, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, LENGTH_COLLISIONS, Run,
+    STALL_EVENTS, Stage,
 };
 use crate::arrays;
 use crate::control::{Growth as Grown, Phase, Progress};
@@ -86,8 +87,8 @@ impl Run {
     /// Share of the run's work that is done, and whether the remaining time follows from it.
     ///
     /// A limit of events or time ends the run if the target does not, so the larger of the shares counts. Growth to
-    /// the largest distance has no target: without a limit its share is that of the events by which growth has
-    /// usually stalled, and no remaining time follows from it.
+    /// the largest distance has no target: without a limit it is paced by a number of collisions, whose share counts.
+    /// Equal grains stall after about as many, but no remaining time follows from that.
     fn share_done(&self, frame: &Frame<'_>) -> (f64, bool) {
         let limits = frame.options.stop;
         let events = self.system.counts.collisions();
@@ -100,7 +101,8 @@ impl Run {
         if !has_target {
             return match by_limits {
                 Some(share) => (share, true),
-                None => ((self.events_per_grain() / STALL_EVENTS).min(0.9), false),
+                None if frame.of_equal_grains() => ((self.events_per_grain() / STALL_EVENTS).min(0.9), false),
+                None => ((self.events_per_grain() / LENGTH_COLLISIONS).min(0.99), true),
             };
         }
         let predicted = self.forecast.predict(
