@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 use std::time::Instant;
 
-use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Run, Stage};
+use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Pushes, Run, Stage};
 use crate::arrays::Each as _;
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled, reserved};
@@ -14,7 +14,7 @@ use crate::packing::RsaStatistics;
 use crate::shape::Pose;
 
 /// Tells bodies of this method, and of this layout, from others.
-const MARK: u64 = u64::from_le_bytes(*b"mc-body2");
+const MARK: u64 = u64::from_le_bytes(*b"mc-body3");
 /// Floats of a grain.
 const FLOATS: usize = 9;
 
@@ -46,6 +46,7 @@ impl<S: ConvexShape> Run<S> {
     /// The body of a checkpoint.
     pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let counted = self.counted();
+        let (pushes, growth_before) = self.pushes.to_numbers();
         for value in [
             MARK,
             self.system.len() as u64,
@@ -65,6 +66,7 @@ impl<S: ConvexShape> Run<S> {
             self.rsa.grains_by_subdivision,
             self.rsa.voxels_tested,
             self.expansions,
+            pushes,
         ] {
             write_u64(out, value)?;
         }
@@ -78,6 +80,7 @@ impl<S: ConvexShape> Run<S> {
             self.elapsed_s(),
             self.rsa_s,
             self.jammed_at,
+            growth_before,
         ] {
             write_f64(out, value)?;
         }
@@ -119,18 +122,19 @@ impl<S: ConvexShape> Run<S> {
         if stage == Stage::Gap && of.maximize.is_none() {
             return Err(invalid());
         }
-        let whole: [u64; 15] = {
-            let mut whole = [0; 15];
+        let whole: [u64; 16] = {
+            let mut whole = [0; 16];
             for value in &mut whole {
                 *value = read_u64(input)?;
             }
             whole
         };
-        let mut numbers = [0.0; 9];
+        let mut numbers = [0.0; 10];
         for value in &mut numbers {
             *value = read_f64(input)?;
         }
-        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at] = numbers;
+        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at, growth_before] =
+            numbers;
         if !(stretch > 0.0 && more >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
             return Err(invalid());
         }
@@ -157,6 +161,7 @@ impl<S: ConvexShape> Run<S> {
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
+        run.pushes = Pushes::of_numbers(whole[15], growth_before).ok_or_else(invalid)?;
         (run.expansions, run.jammed_at) = (whole[14], jammed_at);
         (run.fraction, run.earlier_s, run.rsa_s) = (fraction, earlier_s, rsa_s);
         let counted = &mut run.statistics;

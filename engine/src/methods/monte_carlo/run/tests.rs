@@ -2,13 +2,15 @@
 
 use nalgebra::Vector3;
 
+use super::end::{EXPANSION, NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
 use super::*;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
 use crate::methods::monte_carlo::Limits;
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance, Specimen};
-use crate::shape::Ellipsoid;
+use crate::shape::polyhedron::PlatonicSolid;
+use crate::shape::{Ellipsoid, ScaledPolyhedron};
 
 const BOX: Specimen = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Walls };
 
@@ -86,6 +88,72 @@ fn a_checkpoint_has_the_expansions() {
     let read = Run::read(&of, &body, Instant::now()).unwrap();
     assert_eq!((read.expansions, read.jammed_at), (run.expansions, run.jammed_at));
     assert_eq!((read.expansions, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
+}
+
+/// Two octahedra at this size, which have grown by this share since the mark, so many cycles ago.
+fn angular<'a>(
+    of: &MonteCarlo<'_, ScaledPolyhedron<'a>>,
+    size: f64,
+    growth: f64,
+) -> Run<ScaledPolyhedron<'a>> {
+    let poses = [5.0, 14.0].map(|x| Pose::at(Vector3::new(x, 10.0, 10.0)));
+    let mut run = Run::new(of, poses.to_vec(), size, Instant::now()).unwrap();
+    grown(&mut run, growth, STALL_CYCLES);
+    run
+}
+
+/// The run has grown by this share in so many cycles.
+fn grown<S: ConvexShape>(run: &mut Run<S>, growth: f64, cycles: u64) {
+    run.mark = (run.size() / (1.0 + growth), run.statistics.cycles);
+    run.statistics.cycles += cycles;
+}
+
+#[test]
+fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
+    let template = PlatonicSolid::Octahedron.body().unwrap().normalized();
+    let shapes = [3.0, 2.0].map(|scale_mm| ScaledPolyhedron { template: &template, scale_mm });
+    let of = MonteCarlo {
+        shapes: &shapes,
+        specimen: &BOX,
+        rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &BOX),
+        maximize: None,
+        initial_scale: None,
+        swap: true,
+        limits: Limits::default(),
+        orientation: &uniform_orientation,
+        seed: 1,
+        preference: None,
+        keep_checkpoint: None,
+    };
+    for (size, growth) in [(0.9, 1.1 * SLOW_GROWTH), (1.0 - 0.9 * NEAR_TARGET, 0.9 * SLOW_GROWTH)] {
+        let mut run = angular(&of, size, growth);
+        assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Light));
+    }
+    let slow = 0.5 * SLOW_GROWTH;
+    for (gain, pushes) in [(7.0, Pushes::Hard), (5.0, Pushes::LightForGood)] {
+        let mut run = angular(&of, 0.9, slow);
+        assert_eq!(run.limit_reached(&of), None);
+        assert!(matches!(run.pushes, Pushes::Tried { growth } if (growth / slow - 1.0).abs() < 1e-9));
+        let mut body = Vec::new();
+        run.write(&mut body).unwrap();
+        assert_eq!(Run::read(&of, &body, Instant::now()).unwrap().pushes, run.pushes);
+        // The trial goes on for longer.
+        grown(&mut run, gain * slow, TRIAL_CYCLES - 1);
+        assert_eq!(run.limit_reached(&of), None);
+        assert!(run.pushes.are_hard());
+        run.statistics.cycles += 1;
+        assert_eq!((run.limit_reached(&of), run.pushes), (None, pushes));
+    }
+    // One that jams with light pushes has both before it ends.
+    let mut run = angular(&of, 0.9, 0.0);
+    assert_eq!(run.limit_reached(&of), None);
+    assert!(run.pushes.are_hard());
+    grown(&mut run, 1e-3, TRIAL_CYCLES);
+    assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Hard));
+    grown(&mut run, 0.0, STALL_CYCLES);
+    assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::LightForGood));
+    grown(&mut run, 0.0, STALL_CYCLES);
+    assert_eq!(run.limit_reached(&of), Some(End::Stalled));
 }
 
 /// Lists hold for grains that stay in their skins: through moves, pushes, and swaps after both.

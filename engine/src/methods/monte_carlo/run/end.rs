@@ -1,0 +1,129 @@
+//! When a run ends, and what happens to a packing that hardly grows before.
+
+use super::{CYCLES_PER_LIST, MOST_RATE, Run, Stage};
+use crate::gap::grain::{ConvexShape, Turned};
+use crate::methods::monte_carlo::{End, MonteCarlo};
+
+/// Cycles over which growth is compared to tell that it has stalled, and the least growth, relative.
+pub(super) const STALL_CYCLES: u64 = 200;
+const STALL_GROWTH: f64 = 1e-5;
+/// A packing that jams is expanded and grown again where its scale lacks at most this much,
+pub(super) const NEAR_TARGET: f64 = 0.02;
+/// by this share of its scale,
+pub(super) const EXPANSION: f64 = 3e-3;
+/// and so many times at most.
+const MOST_EXPANSIONS: u64 = 12;
+/// Growth over as many cycles below which hard pushes are tried, relative.
+pub(super) const SLOW_GROWTH: f64 = 1e-3;
+/// Cycles of the trial: the first one or two hundred bring little, until the grains have rearranged. What it must gain
+/// over what light pushes gained in the cycles before: three times as many cycles, of twice as many sweeps of pushes.
+pub(super) const TRIAL_CYCLES: u64 = 600;
+const TRIAL_GAIN: f64 = 6.0;
+
+/// How hard grains push each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Pushes {
+    /// Lightly, as at the start.
+    Light,
+    /// Hard, for a trial; light pushes had so much growth before it, relative.
+    Tried {
+        /// Over [`STALL_CYCLES`].
+        growth: f64,
+    },
+    /// Hard, for that gains more.
+    Hard,
+    /// Lightly, to the end.
+    LightForGood,
+}
+
+impl Pushes {
+    pub(super) fn are_hard(self) -> bool {
+        matches!(self, Self::Tried { .. } | Self::Hard)
+    }
+
+    /// For a checkpoint.
+    pub(super) fn to_numbers(self) -> (u64, f64) {
+        match self {
+            Self::Light => (0, 0.0),
+            Self::Tried { growth } => (1, growth),
+            Self::Hard => (2, 0.0),
+            Self::LightForGood => (3, 0.0),
+        }
+    }
+
+    /// Of a checkpoint.
+    pub(super) fn of_numbers(number: u64, growth: f64) -> Option<Self> {
+        match number {
+            0 => Some(Self::Light),
+            1 => Some(Self::Tried { growth }),
+            2 => Some(Self::Hard),
+            3 => Some(Self::LightForGood),
+            _ => None,
+        }
+    }
+}
+
+impl<S: ConvexShape> Run<S> {
+    pub(super) fn limit_reached(&mut self, of: &MonteCarlo<'_, S>) -> Option<End> {
+        if of.limits.sweeps.is_some_and(|most| self.statistics.sweeps >= most) {
+            return Some(End::SweepLimit);
+        }
+        if of.limits.time_s.is_some_and(|most| self.elapsed_s() >= most) {
+            return Some(End::TimeLimit);
+        }
+        let cycles = if let Pushes::Tried { .. } = self.pushes { TRIAL_CYCLES } else { STALL_CYCLES };
+        if self.statistics.cycles < self.mark.1 + cycles {
+            return None;
+        }
+        let size = self.size();
+        let growth = size / self.mark.0 - 1.0;
+        let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
+        self.mark = (size, self.statistics.cycles);
+        (!self.change_pushes(growth) && !has_grown && !self.expand()).then_some(End::Stalled)
+    }
+
+    /// Expands a packing that jammed below its target; says whether it did.
+    ///
+    /// Grains then rearrange and change places while they grow again, and jam at a larger size. That is tried as long
+    /// as the expansions that are left, by the mean gain of those before, add up to what is missing.
+    fn expand(&mut self) -> bool {
+        let size = self.size();
+        let missing = 1.0 - size;
+        if self.stage != Stage::Scale || missing > NEAR_TARGET {
+            return false;
+        }
+        let gain = (size - self.jammed_at) / self.expansions.max(1) as f64;
+        if gain * (MOST_EXPANSIONS.saturating_sub(self.expansions) as f64) < missing {
+            return false;
+        }
+        if self.expansions == 0 {
+            self.jammed_at = size;
+        }
+        self.expansions += 1;
+        self.system.scale(1.0 + EXPANSION);
+        self.rate = MOST_RATE;
+        self.listed_cycles = CYCLES_PER_LIST;
+        self.mark = (0.0, self.statistics.cycles);
+        true
+    }
+
+    /// Decides how hard grains push each other from now on, by the growth since the mark; says whether that changes.
+    ///
+    /// Where light pushes hardly bring grains any further that are far from their target, hard ones are tried. They
+    /// stay where they gain more for their time, until growth stalls with them as well.
+    fn change_pushes(&mut self, growth: f64) -> bool {
+        let is_far = self.stage == Stage::Scale && 1.0 - self.size() > NEAR_TARGET;
+        let pushes = match self.pushes {
+            Pushes::Light if !S::Turned::IS_ELLIPSOID && is_far && growth < SLOW_GROWTH => {
+                Pushes::Tried { growth }
+            }
+            Pushes::Tried { growth: by_light } if growth > TRIAL_GAIN * by_light.max(STALL_GROWTH) => {
+                Pushes::Hard
+            }
+            Pushes::Tried { .. } => Pushes::LightForGood,
+            Pushes::Hard if growth <= STALL_GROWTH => Pushes::LightForGood,
+            pushes => pushes,
+        };
+        std::mem::replace(&mut self.pushes, pushes) != pushes
+    }
+}
