@@ -12,7 +12,7 @@ pub(super) const NEAR_TARGET: f64 = 0.02;
 /// by this share of its scale,
 pub(super) const EXPANSION: f64 = 3e-3;
 /// and so many times at most.
-const MOST_EXPANSIONS: u64 = 12;
+pub(super) const MOST_EXPANSIONS: u64 = 12;
 /// Growth over as many cycles below which hard pushes are tried, relative.
 pub(super) const SLOW_GROWTH: f64 = 1e-3;
 /// Cycles of the trial: the first one or two hundred bring little, until the grains have rearranged. What it must gain
@@ -79,7 +79,9 @@ impl<S: ConvexShape> Run<S> {
         let growth = size / self.mark.0 - 1.0;
         let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
         self.mark = (size, self.statistics.cycles);
-        (!self.change_pushes(growth) && !has_grown && !self.expand()).then_some(End::Stalled)
+        let goes_on =
+            self.change_pushes(growth) || has_grown || self.expand() || self.try_hard_pushes(growth);
+        (!goes_on).then_some(End::Stalled)
     }
 
     /// Expands a packing that jammed below its target; says whether it did.
@@ -110,13 +112,12 @@ impl<S: ConvexShape> Run<S> {
     /// Decides how hard grains push each other from now on, by the growth since the mark; says whether that changes.
     ///
     /// Where light pushes hardly bring grains any further that are far from their target, hard ones are tried. They
-    /// stay where they gain more for their time, until growth stalls with them as well.
+    /// stay where they gain more for their time, until growth stalls with them as well. Near the target they are tried
+    /// where it would end otherwise.
     fn change_pushes(&mut self, growth: f64) -> bool {
         let is_far = self.stage == Stage::Scale && 1.0 - self.size() > NEAR_TARGET;
         let pushes = match self.pushes {
-            Pushes::Light if !S::Turned::IS_ELLIPSOID && is_far && growth < SLOW_GROWTH => {
-                Pushes::Tried { growth }
-            }
+            Pushes::Light if is_far && growth < SLOW_GROWTH => return self.try_hard_pushes(growth),
             Pushes::Tried { growth: by_light } if growth > TRIAL_GAIN * by_light.max(STALL_GROWTH) => {
                 Pushes::Hard
             }
@@ -125,5 +126,16 @@ impl<S: ConvexShape> Run<S> {
             pushes => pushes,
         };
         std::mem::replace(&mut self.pushes, pushes) != pushes
+    }
+
+    /// Tries hard pushes unless they were tried; says whether it does. Of ellipsoids, which turn little when they are
+    /// pushed, they made looser packings: 0.694 in place of 0.713 after 3000 sweeps of moves, with the share of the
+    /// depth alone.
+    fn try_hard_pushes(&mut self, growth: f64) -> bool {
+        let can = !S::Turned::IS_ELLIPSOID && self.stage == Stage::Scale && self.pushes == Pushes::Light;
+        if can {
+            self.pushes = Pushes::Tried { growth };
+        }
+        can
     }
 }

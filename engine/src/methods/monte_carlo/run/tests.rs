@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::end::{EXPANSION, NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
+use super::end::{EXPANSION, MOST_EXPANSIONS, NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
 use super::*;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
@@ -144,6 +144,11 @@ fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
         run.statistics.cycles += 1;
         assert_eq!((run.limit_reached(&of), run.pushes), (None, pushes));
     }
+    // Near the target, where expansions no longer help.
+    let mut run = angular(&of, 1.0 - 0.9 * NEAR_TARGET, 0.0);
+    run.expansions = MOST_EXPANSIONS;
+    assert_eq!(run.limit_reached(&of), None);
+    assert!(run.pushes.are_hard());
     // One that jams with light pushes has both before it ends.
     let mut run = angular(&of, 0.9, 0.0);
     assert_eq!(run.limit_reached(&of), None);
