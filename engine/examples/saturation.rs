@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release -p packstone-engine --features examples --example saturation -- CASE [SEEDS [GRAINS [LAST]]]`
 //! adds equal Platonic solids whose name contains the case in a periodic cube of the volume of so many grains, and
-//! measures the time `t` at which the volume fraction `phi` is reached, up to the last: attempts times volume of a grain
-//! over that of the cube. Then it fits `phi(t) = phi_saturated - A t^(-1/d)` (Feder 1980, DOI 10.1016/0022-5193(80)90358-6)
-//! with three free parameters.
+//! measures the time `t` at which the volume fraction `phi` is reached, up to the last: attempts times volume of a
+//! grain over that of the cube. Then it fits `phi(t) = phi_saturated - A t^(-1/d)` (Feder 1980, DOI
+//! 10.1016/0022-5193(80)90358-6) with three free parameters.
 
 use std::time::Instant;
 
@@ -52,7 +52,7 @@ fn line(points: &[(f64, f64)]) -> (f64, f64, f64) {
 
 /// Feder's law through points of time and volume fraction: `phi_saturated`, `A`, `d` and the root of the mean square.
 fn fit(points: &[(f64, f64)]) -> (f64, f64, f64, f64) {
-    let of = |d: f64| line(&points.iter().map(|p| (p.0.powf(-1.0 / d), p.1)).collect::<Vec<_>>());
+    let of = |d: f64| line(&points.iter().map(|p| (libm::pow(p.0, -1.0 / d), p.1)).collect::<Vec<_>>());
     let exponents = (20..400).map(|tenths| f64::from(tenths) / 10.0);
     let d = exponents.min_by(|&a, &b| of(a).2.total_cmp(&of(b).2)).unwrap_or(f64::NAN);
     let (saturated, slope, squares) = of(d);
@@ -79,9 +79,9 @@ fn main() {
             let start = Instant::now();
             let times: Option<Vec<f64>> = (1..=seeds).map(|seed| time(shape, grains, cube, seed)).collect();
             let Some(times) = times else { break };
-            let log = |t: f64| t.ln() / times.len() as f64;
+            let log = |t: f64| libm::log(t) / times.len() as f64;
             // The mean of logarithms: times scatter by factors.
-            let t = times.iter().copied().map(log).sum::<f64>().exp();
+            let t = libm::exp(times.iter().copied().map(log).sum::<f64>());
             println!("{} phi {fraction:.3} t {t:.4e} ({:.1} s)", solid.name(), start.elapsed().as_secs_f64());
             points.push((t, grains as f64 / cube as f64));
         }

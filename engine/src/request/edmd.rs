@@ -56,8 +56,9 @@ pub struct EdmdOptions {
     pub stop: EdmdStop,
 }
 
-/// When a run gives up. With a prescribed target that is `target-not-reached`; with `maximize` the distance reached so far
-/// is the result, and growth is paced so that the grains jam by then: the more time, the larger the distance.
+/// When a run gives up. With a prescribed target that is `target-not-reached`; with `maximize` the
+/// distance reached so far is the result, and growth is paced so that the grains jam by then: the more
+/// time, the larger the distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdmdStop {

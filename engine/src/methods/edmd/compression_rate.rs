@@ -10,8 +10,8 @@
 //!
 //! Without a target there is a number of collisions instead, after which the packing should have jammed. At a rate
 //! `gamma`, some `1 / gamma` collisions per grain raise the pressure by a factor of e, so that a rate of `0.7 / n` with
-//! `n` collisions per grain left makes the pressure rise as `n^-0.7`: most of the collisions take place while grains can
-//! rearrange, and the last ones close the gaps.
+//! `n` collisions per grain left makes the pressure rise as `n^-0.7`: most of the collisions take place while grains
+//! can rearrange, and the last ones close the gaps.
 
 /// Compression rate while grains are loose, where the request names none.
 pub(crate) const LOOSE_RATE: f64 = 0.1;

@@ -30,9 +30,9 @@ pub(super) enum Pushes {
         /// Over [`STALL_CYCLES`].
         growth: f64,
     },
-    /// Hard, for that gains more.
+    /// Hard: the trial has gained more.
     Hard,
-    /// Lightly, to the end.
+    /// Lightly, to the end: hard pushes gain no more.
     LightForGood,
 }
 
