@@ -134,6 +134,35 @@ fn a_prescribed_distance_that_was_not_reached_is_told() {
     assert!(((3.0 + reached) / (3.6 * short.scale_reached) - 1.0).abs() < 1e-9, "{short}");
 }
 
+/// Some 470 grains of Fuller's curve at 0.4, with the largest distance within so many events, or without a limit.
+fn paced(events: Option<u64>) -> Packing {
+    let stop = events.map_or(json!({}), |events| json!({"events": events}));
+    let request = json!({
+        "specimen": {"type": "box", "size_mm": [20, 20, 20]},
+        "mix": {
+            "grading": {"type": "fuller", "d_max_mm": 4, "exponent": 0.5},
+            "d_min_mm": 1.5, "volume_fraction": 0.4, "volume_fraction_of": "placed_grains",
+        },
+        "distance": maximize(),
+        "method": {"type": "edmd", "stop": stop},
+    });
+    packed(&PackingRequest::from_json(&request, 1).unwrap())
+}
+
+#[test]
+fn growth_to_the_largest_distance_uses_its_limit_and_more_collisions_make_it_larger() {
+    let packings = [Some(40_000), Some(300_000), None].map(paced);
+    let reached = packings.each_ref().map(|packing| packing.report.summary.distance_mm.unwrap());
+    for (packing, least) in packings.iter().zip([100.0, 1000.0, 1e6]) {
+        let edmd = packing.report.statistics.edmd.as_ref().unwrap();
+        assert!(edmd.reduced_pressure > least, "{edmd:?}");
+    }
+    assert!(reached[0] < reached[1] && reached[1] < reached[2], "{reached:?}");
+    let grains = packings[2].spheres().unwrap().len() as u64;
+    let events = packings[2].report.statistics.edmd.as_ref().unwrap().events;
+    assert!((3500 * grains..5000 * grains).contains(&events), "{events} events of {grains} grains");
+}
+
 #[test]
 fn the_largest_distance_comes_with_the_way_to_it() {
     let packing = packed(&spheres(0.4, &maximize(), &json!({"stop": {"events": 150_000}})));

@@ -67,7 +67,7 @@ const TARGET_STALL: f64 = 2e-7;
 const DISTANCE_STALL: f64 = 2e-9;
 /// Collisions per grain in which grains grow to the largest distance and jam, where no limit is set,
 const LENGTH_COLLISIONS: f64 = STALL_EVENTS;
-/// and within any limit: more hardly makes denser packings.
+/// and the most within a limit, so that a long limit of time does not make a small packing take all of it.
 const MOST_LENGTH_COLLISIONS: f64 = 30_000.0;
 /// A packing that jams is expanded and grown again where its scale lacks at most this much,
 const NEAR_TARGET: f64 = 5e-4;
@@ -442,12 +442,15 @@ impl Run {
     }
 
     /// Collisions per grain that growth to the largest distance has left, in all of [`LENGTH_COLLISIONS`] without a
-    /// limit. With a limit of time they follow from their number per time so far.
+    /// limit. With a limit of time they follow from their number per time of growth so far.
     fn collisions_left(&self, frame: &Frame<'_>) -> f64 {
         let (stop, n) = (&frame.options.stop, self.system.len() as f64);
         let done = self.system.counts.collisions() as f64 / n;
         let by_events = stop.events.map(|most| most as f64 / n - done);
-        let by_time = stop.time_s.map(|most| (most / self.elapsed_s(frame) - 1.0) * done);
+        let elapsed_s = self.elapsed_s(frame);
+        let per_s =
+            if done > 0.0 { done / (elapsed_s - self.rsa_s).max(f64::EPSILON) } else { f64::INFINITY };
+        let by_time = stop.time_s.map(|most| (most - elapsed_s) * per_s);
         let by_limits = by_events.into_iter().chain(by_time).reduce(f64::min);
         by_limits.map_or(LENGTH_COLLISIONS - done, |left| left.min(MOST_LENGTH_COLLISIONS - done))
     }
