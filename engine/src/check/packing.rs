@@ -3,8 +3,6 @@
 //! Pairs come from the table of the check, which sees the spheres around the grains. What two grains prove and what a
 //! wall asks for is said by their kind ([`Convex`]). Required gaps are those of the diameters of equal volume.
 
-use std::num::NonZeroUsize;
-
 use nalgebra::Vector3;
 
 use super::convex::Convex;
@@ -14,12 +12,11 @@ use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
 use super::{Fault, Pairs, SeparationCertificate};
 use crate::arrays::{self, Each as _};
-use crate::control::Control;
 use crate::memory::{OutOfMemory, make_room, push, reserved};
 use crate::packing::Spheres;
 use crate::request::{Distance, Specimen};
 
-/// Grains of a piece of the walk, some of which take a millisecond.
+/// Grains of a piece of the walk: a fraction of a millisecond.
 const GRAINS_PER_PIECE: usize = 256;
 
 /// The bodies of a packing and what its request demands of them.
@@ -84,8 +81,8 @@ impl<B: Convex> Packing<B> {
 
     /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it takes to know the
     /// smallest gap.
-    pub(super) fn check_pairs(&self, threads: NonZeroUsize, control: &dyn Control) -> Result<Pairs, Fault> {
-        let mut findings = Found::new(None);
+    pub(super) fn check_pairs(&self, walk: &Walk<'_>) -> Result<Pairs, Fault> {
+        let mut findings = PairFindings::new(None);
         self.check_own_images(&mut findings)?;
         let Some(d_least) = self.bodies.iter().map(B::equivalent_diameter).reduce(f64::min) else {
             return Ok(findings.pairs());
@@ -95,9 +92,8 @@ impl<B: Convex> Packing<B> {
         // A dense packing has many pairs closer than this; a loose one is looked at again, further out. Rounding errors
         // of the distances are far below.
         let mut look = (0.05 * d_least).max(1.0e-12 * farthest);
-        let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
         loop {
-            self.look_at_pairs(look, &mut findings, &walk)?;
+            self.look_at_pairs(look, &mut findings, walk)?;
             // Pairs not seen keep their rule's distance and `look` more.
             let known = findings.gap <= surely_kept + look && findings.excess <= look;
             if known || look > farthest || self.bodies.len() < 2 {
@@ -111,13 +107,11 @@ impl<B: Convex> Packing<B> {
     pub(super) fn certificates(
         &self,
         closer_than: f64,
-        threads: NonZeroUsize,
-        control: &dyn Control,
+        walk: &Walk<'_>,
     ) -> Result<Vec<SeparationCertificate>, Fault> {
-        let mut findings = Found::new(Some(closer_than));
+        let mut findings = PairFindings::new(Some(closer_than));
         self.check_own_images(&mut findings)?;
-        let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
-        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, &walk)?;
+        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, walk)?;
         let mut certificates = findings.certificates;
         certificates.sort_unstable_by_key(|c| (c.first, c.second, c.image));
         Ok(certificates)
@@ -129,7 +123,7 @@ impl<B: Convex> Packing<B> {
         self.bodies.iter().map(|b| 2.0 * b.radius()).fold(diagonal, f64::max)
     }
 
-    fn look_at_pairs(&self, look: f64, known: &mut Found, walk: &Walk<'_>) -> Result<(), Fault> {
+    fn look_at_pairs(&self, look: f64, known: &mut PairFindings, walk: &Walk<'_>) -> Result<(), Fault> {
         let required = &self.required;
         let period = required.period_mm();
         // Equivalent diameters are at most those of the spheres around, and no rule's gap falls with a diameter.
@@ -142,27 +136,28 @@ impl<B: Convex> Packing<B> {
         )?;
         let walked = walk.over(
             &table,
-            || known.go_on(),
+            GRAINS_PER_PIECE,
+            || known.of_a_piece(),
             #[inline(always)]
-            |found: &mut Found, i: usize, j: usize, a: &Grain, b: &Grain| {
+            |findings: &mut PairFindings, i: usize, j: usize, a: &Grain, b: &Grain| {
                 let r = Vector3::from(b.center) - Vector3::from(a.center);
                 let reach = 0.5 * (a.diameter + b.diameter) + required.gap_mm(a.diameter, b.diameter) + look;
                 let Some(period) = period else {
                     if r.norm_squared() <= reach * reach {
-                        self.look_at(i, j, [0.0; 3], look, found);
+                        self.look_at(i, j, [0.0; 3], look, findings);
                     }
                     return;
                 };
-                for_each_image(r, period, reach, |image| self.look_at(i, j, image, look, found));
+                for_each_image(r, period, reach, |image| self.look_at(i, j, image, look, findings));
             },
         )?;
         known.checked += walked.pairs;
-        walked.findings.into_iter().try_for_each(|found| known.take(found))
+        walked.findings.into_iter().try_for_each(|piece| known.take(piece))
     }
 
     /// Looks at one pair: whether it keeps its gap, and whether it is among the closest.
     #[inline(always)]
-    fn look_at(&self, first: usize, second: usize, image: [f64; 3], look: f64, findings: &mut Found) {
+    fn look_at(&self, first: usize, second: usize, image: [f64; 3], look: f64, findings: &mut PairFindings) {
         if findings.fault.is_some() {
             return;
         }
@@ -186,7 +181,7 @@ impl<B: Convex> Packing<B> {
     }
 
     /// In a periodic box a grain must also keep its distance from its own images.
-    fn check_own_images(&self, findings: &mut Found) -> Result<(), Fault> {
+    fn check_own_images(&self, findings: &mut PairFindings) -> Result<(), Fault> {
         let Some(period) = self.required.period_mm() else { return Ok(()) };
         let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
         for (grain, body) in self.bodies.iter().enumerate() {
@@ -235,7 +230,7 @@ fn for_each_image(r: Vector3<f64>, period: [f64; 3], reach: f64, mut visit: impl
 
 /// What the pairs looked at so far have shown.
 #[derive(Debug)]
-struct Found {
+struct PairFindings {
     gap: f64,
     excess: f64,
     checked: u64,
@@ -245,13 +240,13 @@ struct Found {
     refused: Option<OutOfMemory>,
 }
 
-impl Findings for Found {
+impl Findings for PairFindings {
     fn have_fault(&self) -> bool {
         self.fault.is_some()
     }
 }
 
-impl Found {
+impl PairFindings {
     fn new(closer_than: Option<f64>) -> Self {
         Self {
             gap: f64::INFINITY,
@@ -264,17 +259,17 @@ impl Found {
         }
     }
 
-    /// Nothing yet but the distances that are known: only closer pairs are of interest.
-    fn go_on(&self) -> Self {
+    /// What a piece begins with: the distances that are known, for only closer pairs are of interest, and nothing else.
+    fn of_a_piece(&self) -> Self {
         Self { gap: self.gap, excess: self.excess, ..Self::new(self.closer_than) }
     }
 
-    /// Takes what others have found.
-    fn take(&mut self, mut other: Self) -> Result<(), Fault> {
-        other.judge()?;
-        (self.gap, self.excess) = (self.gap.min(other.gap), self.excess.min(other.excess));
-        make_room(&mut self.certificates, other.certificates.len())?;
-        self.certificates.append(&mut other.certificates);
+    /// Takes what a piece has shown.
+    fn take(&mut self, mut piece: Self) -> Result<(), Fault> {
+        piece.judge()?;
+        (self.gap, self.excess) = (self.gap.min(piece.gap), self.excess.min(piece.excess));
+        make_room(&mut self.certificates, piece.certificates.len())?;
+        self.certificates.append(&mut piece.certificates);
         Ok(())
     }
 

@@ -7,6 +7,7 @@ use std::num::NonZeroUsize;
 use super::convex::{Body, Convex};
 use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
 use super::packing::Packing;
+use super::walk::Walk;
 use super::{Check, Fault, SeparationCertificate, body, sieve};
 use crate::control::Control;
 use crate::elementary::cbrt;
@@ -28,7 +29,7 @@ pub fn check_solids(
 ) -> Result<Check, Fault> {
     let shapes = shapes_of(solids)?;
     let grains = (&*shapes, &*solids.poses, &*solids.aggregate);
-    judge_shapes(grains, request, request.mix.size, (threads, control))
+    judge_shapes(grains, request, request.mix.size, &Walk { threads, control })
 }
 
 fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
@@ -54,7 +55,7 @@ pub fn check_shapes(
     size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge_shapes((shapes, poses, &[]), request, size, (NonZeroUsize::MIN, control))
+    judge_shapes((shapes, poses, &[]), request, size, &Walk { threads: NonZeroUsize::MIN, control })
 }
 
 /// Checks shapes at their poses with the aggregate of each, none where the mix names none.
@@ -62,7 +63,7 @@ fn judge_shapes(
     (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
     request: &PackingRequest,
     size: SizeMeasure,
-    run: (NonZeroUsize, &dyn Control),
+    walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
     let region = (request.distance, request.specimen);
     // Pairs of ellipsoids are worth a loop of their own.
@@ -70,7 +71,7 @@ fn judge_shapes(
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
         let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return check_bodies(&packing, grains, aggregate, request, run);
+        return check_bodies(&packing, grains, aggregate, request, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -88,7 +89,7 @@ fn judge_shapes(
         (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => SIEVE_ERROR,
         _ => SIZE_ERROR,
     };
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, run)
+    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, walk)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -104,7 +105,7 @@ pub fn certify_shapes(
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     let region = (request.distance, request.specimen);
-    certificates(shapes, poses, region, closer_than_mm, (NonZeroUsize::MIN, control))
+    certificates(shapes, poses, region, closer_than_mm, &Walk { threads: NonZeroUsize::MIN, control })
 }
 
 /// Checks on so many threads that no two grains overlap, and returns a direction for each pair whose gap is less than
@@ -120,6 +121,7 @@ pub fn certify(
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     let region = (Distance::None { wall_gap_mm: None }, *specimen);
+    let walk = &Walk { threads, control };
     match grains {
         GrainsRef::Spheres(spheres) => {
             let body = |i: usize| {
@@ -128,10 +130,10 @@ pub fn certify(
             };
             let packing = Packing::new(spheres.len(), body, region)?;
             packing.check_walls()?;
-            packing.certificates(closer_than_mm, threads, control)
+            packing.certificates(closer_than_mm, walk)
         }
         GrainsRef::Solids(solids) => {
-            certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, (threads, control))
+            certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, walk)
         }
     }
 }
@@ -141,16 +143,16 @@ fn certificates(
     poses: &[Pose],
     region: (Distance, Specimen),
     closer_than_mm: f64,
-    (threads, control): (NonZeroUsize, &dyn Control),
+    walk: &Walk<'_>,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
     if let Some(ellipsoids) = ellipsoids_of(shapes)? {
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         packing.check_walls()?;
-        return packing.certificates(closer_than_mm, threads, control);
+        return packing.certificates(closer_than_mm, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     packing.check_walls()?;
-    packing.certificates(closer_than_mm, threads, control)
+    packing.certificates(closer_than_mm, walk)
 }
 
 /// The ellipsoids, where all are.
@@ -191,10 +193,10 @@ fn check_bodies<B: Convex>(
     grains: Grains<'_>,
     aggregate: &[u16],
     request: &PackingRequest,
-    (threads, control): (NonZeroUsize, &dyn Control),
+    walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
-    let pairs = packing.check_pairs(threads, control)?;
+    let pairs = packing.check_pairs(walk)?;
     let graded = grading::check(grains, aggregate, request).map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
 }

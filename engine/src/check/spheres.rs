@@ -13,7 +13,7 @@ use crate::control::{Control, Unattended};
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
 
-/// Grains of a piece of the walk, some of which take a millisecond.
+/// Grains of a piece of the walk: a fraction of a millisecond.
 const GRAINS_PER_PIECE: usize = 4096;
 
 /// Checks a packing against its request.
@@ -47,7 +47,7 @@ pub fn check_with(
     }
     let required = Required::new(request.distance, request.specimen);
     let min_wall_gap_mm = check_walls(spheres, &required)?;
-    let pairs = check_pairs(spheres, &required, threads, control)?;
+    let pairs = check_pairs(spheres, &required, &Walk { threads, control })?;
     let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
         .map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
@@ -89,22 +89,16 @@ impl Findings for Nearest {
 
 /// Checks all pairs that may be closer than their rule demands, and looks as far beyond as it
 /// takes to know the smallest gap.
-fn check_pairs(
-    spheres: &Spheres,
-    required: &Required,
-    threads: NonZeroUsize,
-    control: &dyn Control,
-) -> Result<Pairs, Fault> {
+fn check_pairs(spheres: &Spheres, required: &Required, walk: &Walk<'_>) -> Result<Pairs, Fault> {
     let mut pairs = own_images(spheres, required)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
     let bounds = required.bounds_mm();
     let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
     let surely_kept = required.gap_mm(d_least, d_least);
-    let walk = Walk { threads, grains_per_piece: GRAINS_PER_PIECE, control };
     // A dense packing has many pairs closer than this; a loose one is looked at again, further out.
     let mut look = 0.05 * d_least;
     loop {
-        let (nearest, walked) = nearest(spheres, required, look, &walk)?;
+        let (nearest, walked) = nearest(spheres, required, look, walk)?;
         pairs.checked += walked;
         let closer = |old: Option<f64>, new: f64| {
             let least = old.map_or(new, |o| o.min(new));
@@ -142,6 +136,7 @@ fn nearest(
     let empty = || Nearest { gap_mm: f64::INFINITY, excess_mm: f64::INFINITY, fault: None };
     let walked = walk.over(
         &table,
+        GRAINS_PER_PIECE,
         empty,
         #[inline(always)]
         |nearest: &mut Nearest, i: usize, j: usize, a: &Grain, b: &Grain| {

@@ -19,8 +19,6 @@ use crate::threads::share;
 pub(super) struct Walk<'a> {
     /// Most threads.
     pub(super) threads: NonZeroUsize,
-    /// Grains of a piece: enough for a millisecond of work.
-    pub(super) grains_per_piece: usize,
     /// Is told how many grains are done, and may stop the walk.
     pub(super) control: &'a dyn Control,
 }
@@ -47,7 +45,7 @@ struct Part<F> {
 
 impl Walk<'_> {
     /// Calls `visit(findings, row_i, row_j, grain_i, grain_j)` once for every pair in reach of the table, and for some
-    /// beyond. The findings are those of the piece, and are `empty()` at its start.
+    /// beyond. A piece has so many grains at most. The findings are those of the piece, and are `empty()` at its start.
     ///
     /// # Errors
     /// [`Fault::Stopped`] and [`Fault::OutOfMemory`].
@@ -55,10 +53,11 @@ impl Walk<'_> {
     pub(super) fn over<G: Fn(f64, f64) -> f64 + Sync, F: Findings>(
         &self,
         table: &Table<G>,
+        grains_per_piece: usize,
         empty: impl Fn() -> F,
         visit: impl Fn(&mut F, usize, usize, &Grain, &Grain) + Sync,
     ) -> Result<Walked<F>, Fault> {
-        let pieces = table.pieces(self.grains_per_piece);
+        let pieces = table.pieces(grains_per_piece);
         let mut parts = reserved(pieces.clone().count())?;
         parts.extend(pieces.map(|piece| Part { piece, findings: empty(), pairs: 0 }));
         let walks: usize = parts.iter().map(|part| part.piece.grains.len()).sum();

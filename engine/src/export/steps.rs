@@ -2,7 +2,7 @@
 
 use crate::control::{Control, Phase, Progress};
 
-/// Pieces of work, of about a millisecond each, between two reports.
+/// Pieces of work, each a fraction of a millisecond, between two reports.
 pub(super) const PIECES_PER_REPORT: usize = 16;
 
 /// Steps of a piece of work; a [`Part`](crate::control::Part) makes them a part of a whole.

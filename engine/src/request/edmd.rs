@@ -58,7 +58,7 @@ pub struct EdmdOptions {
 
 /// When a run gives up. With a prescribed target that is `target-not-reached`; with `maximize` the
 /// distance reached so far is the result, and growth is paced so that the grains jam by then: the more
-/// time, the larger the distance.
+/// time, the larger the distance. With `time_s` the packing then depends on the speed of the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct EdmdStop {

@@ -3,7 +3,7 @@
 
 use std::num::NonZeroUsize;
 
-use super::measured::{Measured, MeasuredTet, Mesh};
+use super::measured::{Cell, Closure, Measured, MeasuredTet, Mesh};
 use super::nodes::Nodes;
 use super::report::Checks;
 use super::tessellation::{Point, boundary_facets, edge_parameter, point, triangle_area};
@@ -18,15 +18,6 @@ use crate::memory::filled;
 /// Largest relative error of an identity, for its rounding: a hundred times what was seen in a model of a million
 /// nodes.
 pub(super) const TOLERANCE: f64 = 1.0e-12;
-
-/// What a cell encloses.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cell {
-    /// Signed volume.
-    pub volume_mm3: f64,
-    /// Volume times the vector from the node to the centre of mass.
-    pub first_moment_mm4: [f64; 3],
-}
 
 /// Sums and extremes of a lattice, and what they come to.
 pub(super) struct Checked {
@@ -54,13 +45,6 @@ impl Sum {
     fn get(self) -> f64 {
         self.sum + self.lost
     }
-}
-
-/// Outward area vectors of a cell, and the sum of their lengths.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Closure {
-    vector: Point,
-    area: f64,
 }
 
 /// Tetrahedra that one thread measures at a time.
@@ -109,13 +93,6 @@ pub(super) fn check(
     edge_parameters(nodes, topology, &mut checks);
     judge(&checks)?;
     Ok(Checked { cells, checks, volume_mm3: surface.volume_mm3, surface_triangles: surface.triangles })
-}
-
-impl Closure {
-    pub(super) fn add(&mut self, vector: Point, area: f64) {
-        self.vector += vector;
-        self.area += area;
-    }
 }
 
 /// Sums over all tetrahedra.

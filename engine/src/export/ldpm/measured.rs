@@ -2,7 +2,6 @@
 
 use std::cmp::Ordering;
 
-use super::checks::{Cell, Closure};
 use super::nodes::Nodes;
 use super::report::Checks;
 use super::tessellation::{EDGES, Facet, Point, Tet, face_point};
@@ -17,6 +16,22 @@ pub(super) struct Mesh<'a> {
     pub(super) tets: &'a [[u32; 4]],
     /// What lies across the face opposite each node.
     pub(super) neighbors: &'a [[u32; 4]],
+}
+
+/// What a cell encloses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cell {
+    /// Signed volume.
+    pub volume_mm3: f64,
+    /// Volume times the vector from the node to the centre of mass.
+    pub first_moment_mm4: [f64; 3],
+}
+
+/// Outward area vectors of a cell, and the sum of their lengths.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Closure {
+    pub(super) vector: Point,
+    pub(super) area: f64,
 }
 
 /// What some tetrahedra have shown.
@@ -54,6 +69,14 @@ struct MeasuredFacet {
     moments: [Point; 2],
 }
 
+impl Closure {
+    /// Adds an area vector and its length.
+    pub(super) fn add(&mut self, vector: Point, area: f64) {
+        self.vector += vector;
+        self.area += area;
+    }
+}
+
 impl Measured {
     /// Measures a tetrahedron and the faces that it is the first to have.
     pub(super) fn add(&mut self, mesh: &Mesh<'_>, t: usize) {
@@ -78,19 +101,6 @@ impl Measured {
                 inside_circumsphere(sphere, beyond) == Ordering::Greater
             }));
         }
-    }
-}
-
-impl Checks {
-    /// Takes what further tetrahedra have shown.
-    pub(super) fn take(&mut self, measured: &Self) {
-        self.tetrahedron_volume_error = self.tetrahedron_volume_error.max(measured.tetrahedron_volume_error);
-        self.projected_area_error = self.projected_area_error.max(measured.projected_area_error);
-        self.inverted_pieces += measured.inverted_pieces;
-        self.inverted_tetrahedra += measured.inverted_tetrahedra;
-        self.facets_not_positive += measured.facets_not_positive;
-        self.nonconforming_faces += measured.nonconforming_faces;
-        self.delaunay_violations += measured.delaunay_violations;
     }
 }
 

@@ -3,8 +3,8 @@
 //!
 //! Grains and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
 //! tetrahedron falls into facets between the cells of its nodes (`tessellation`); every lattice is checked
-//! (`checks`, `clearances`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes: they are
-//! computed wherever they are needed, never kept. It knows grains and their specimen; it must never know how
+//! (`measured`, `checks`, `clearances`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes:
+//! they are computed wherever they are needed, never kept. It knows grains and their specimen; it must never know how
 //! they were packed or where what it writes goes.
 
 mod checks;
@@ -28,7 +28,7 @@ mod tests;
 use std::io::Write;
 use std::num::NonZeroUsize;
 
-pub use checks::Cell;
+pub use measured::Cell;
 pub use nodes::Nodes;
 pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
 pub use report::{Checks, LatticeReport, NodeReport};

@@ -124,6 +124,19 @@ pub struct Checks {
     pub smallest_node_clearance_mm: Option<f64>,
 }
 
+impl Checks {
+    /// Takes what further tetrahedra have shown.
+    pub(super) fn take(&mut self, measured: &Self) {
+        self.tetrahedron_volume_error = self.tetrahedron_volume_error.max(measured.tetrahedron_volume_error);
+        self.projected_area_error = self.projected_area_error.max(measured.projected_area_error);
+        self.inverted_pieces += measured.inverted_pieces;
+        self.inverted_tetrahedra += measured.inverted_tetrahedra;
+        self.facets_not_positive += measured.facets_not_positive;
+        self.nonconforming_faces += measured.nonconforming_faces;
+        self.delaunay_violations += measured.delaunay_violations;
+    }
+}
+
 impl NodeReport {
     pub(super) fn new(nodes: &super::nodes::Nodes, options: &LatticeOptions) -> Self {
         let random = options.boundary_nodes == BoundaryNodes::Random;

@@ -18,7 +18,7 @@ fn shapes() -> [Ellipsoid; 2] {
     [3.0, 2.0].map(|a| Ellipsoid::new([a, 0.8 * a, 0.6 * a]).unwrap())
 }
 
-fn method(shapes: &[Ellipsoid]) -> MonteCarlo<'_, Ellipsoid> {
+fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
     MonteCarlo {
         shapes,
         specimen: &BOX,
@@ -112,19 +112,7 @@ fn grown<S: ConvexShape>(run: &mut Run<S>, growth: f64, cycles: u64) {
 fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
     let template = PlatonicSolid::Octahedron.body().unwrap().normalized();
     let shapes = [3.0, 2.0].map(|scale_mm| ScaledPolyhedron { template: &template, scale_mm });
-    let of = MonteCarlo {
-        shapes: &shapes,
-        specimen: &BOX,
-        rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &BOX),
-        maximize: None,
-        initial_scale: None,
-        swap: true,
-        limits: Limits::default(),
-        orientation: &uniform_orientation,
-        seed: 1,
-        preference: None,
-        keep_checkpoint: None,
-    };
+    let of = method(&shapes);
     for (size, growth) in [(0.9, 1.1 * SLOW_GROWTH), (1.0 - 0.9 * NEAR_TARGET, 0.9 * SLOW_GROWTH)] {
         let mut run = angular(&of, size, growth);
         assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Light));
