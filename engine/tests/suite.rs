@@ -22,6 +22,7 @@ mod packing;
 mod polyhedra;
 #[path = "support/polyhedra.rs"]
 mod polyhedra_samples;
+mod saturation;
 mod slices_and_voxels;
 
 #[test]
