@@ -99,7 +99,7 @@ fn points_move_no_farther_than_cells_allow() {
                 if i < 64 { corner } else { 2.0 * point(&mut rng, 1.0) - Vector3::repeat(1.0) } * half;
             let turn = orientation(&middle).rotation_to(&orientation(&(middle + within)));
             // A point of the surface of the sphere around, as far from the axis as it can be.
-            let axis = turn.axis().map_or_else(Vector3::x, |axis| axis.into_inner());
+            let axis = turn.axis().map_or_else(Vector3::x, nalgebra::Unit::into_inner);
             let p = axis.cross(&(point(&mut rng, 1.0) - Vector3::repeat(0.5))).normalize() * 1.3;
             farthest = farthest.max((turn * p - p).norm());
         }

@@ -52,7 +52,6 @@ struct Near {
 pub(crate) struct Saturation<'a> {
     solid: &'a Solid,
     edge: f64,
-    zone: f64,
     pub(crate) grains: Vec<Placed>,
     /// By cube of the lists, nearest first.
     near: Vec<Vec<Near>>,
@@ -70,7 +69,6 @@ impl<'a> Saturation<'a> {
         let mut saturation = Self {
             solid,
             edge,
-            zone: solid.zone_half_edge(),
             grains: Vec::new(),
             near: (0..lists_per_edge.pow(3)).map(|_| Vec::new()).collect(),
             lists_per_edge,
@@ -198,8 +196,8 @@ impl<'a> Saturation<'a> {
         Extent {
             center: Vector3::from(cell.center.map(f64::from)) * self.edge,
             half_edge: self.edge * 0.5_f64.powi(i32::from(cell.center_level)),
-            rodrigues: Vector3::from(cell.rodrigues.map(f64::from)) * self.zone,
-            rodrigues_half_edge: self.zone * 0.5_f64.powi(i32::from(cell.rodrigues_level)),
+            rodrigues: Vector3::from(cell.rodrigues.map(f64::from)) * self.solid.zone,
+            rodrigues_half_edge: self.solid.zone * 0.5_f64.powi(i32::from(cell.rodrigues_level)),
         }
     }
 

@@ -20,6 +20,8 @@ pub(crate) struct Solid {
     pub(crate) outer: f64,
     /// The rotations that map the solid to itself, but for the identity.
     symmetries: Vec<Quaternion<f64>>,
+    /// Half the edge of a cube of Rodrigues vectors that holds the zone of [`Self::is_in_zone`].
+    pub(crate) zone: f64,
 }
 
 /// A solid with a place. Corners are relative to the centre, in groups of four that repeat the last one.
@@ -51,7 +53,9 @@ impl Solid {
         }
         let (inner, outer) = (body.inner_radius() * scale, body.outer_radius() * scale);
         let symmetries = symmetries(&corners);
-        Some(Self { corners, normals, edges, inner, outer, symmetries })
+        let mut solid = Self { corners, normals, edges, inner, outer, symmetries, zone: 0.0 };
+        solid.zone = solid.zone_half_edge()?;
+        Some(solid)
     }
 
     /// The solid at a place; `placed` is overwritten.
@@ -97,10 +101,9 @@ impl Solid {
         std::iter::once(q).chain(self.symmetries.iter().map(move |g| q * g))
     }
 
-    /// Half the edge of a cube of Rodrigues vectors that holds the zone: no orientation in it is farther from the
-    /// identity than half the way to all symmetries.
-    pub(crate) fn zone_half_edge(&self) -> f64 {
-        // The largest component of the zone's corners: grown from 0 until the faces of the cube leave the zone.
+    /// The least half edge, in steps, of a cube of Rodrigues vectors whose faces lie outside of the zone, which is
+    /// convex and holds the identity.
+    fn zone_half_edge(&self) -> Option<f64> {
         let is_beyond = |half: f64| {
             let cells = 32;
             let step = 2.0 * half / f64::from(cells);
@@ -116,7 +119,7 @@ impl Solid {
                 })
             })
         };
-        (1..).map(|i| 0.02 * f64::from(i)).find(|half| is_beyond(*half)).unwrap_or(f64::INFINITY)
+        (1..=60).map(|i| 0.02 * f64::from(i)).find(|half| is_beyond(*half))
     }
 }
 
