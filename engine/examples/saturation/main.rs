@@ -1,9 +1,9 @@
 //! The volume fraction of Platonic solids at saturation of random sequential addition, which is proven
 //! (`docs/shapes.md`).
 //!
-//! `cargo run --release -p packstone-engine --features examples --example saturation -- CASE [EDGE [FIRST [LAST]]]` adds
-//! equal Platonic solids of the volume 1 whose name contains the case to a periodic cube of this edge, for each seed
-//! from the first to the last.
+//! `cargo run --release -p packstone-engine --features examples --example saturation -- CASE [EDGE [FIRST [LAST]]]`
+//! adds equal Platonic solids of the volume 1 whose name contains the case to a periodic cube of this edge, for each
+//! seed from the first to the last.
 
 #![allow(clippy::unwrap_used)]
 

@@ -1,11 +1,11 @@
 //! Random sequential addition of equal solids in a periodic cube until no pose is left, which is proven.
 //!
 //! Poses, a centre and an orientation, are divided into cells: a cube of centres times a cube of Rodrigues vectors. No
-//! point of a solid moves by more than `b` between the pose in the middle of a cell and any other of it. Where the solid
-//! in the middle overlaps a grain by more than `b`, every pose of the cell does, and the cell goes. Attempts are drawn
-//! from the cells that are left, which leaves the distribution of the grains as it is. When many have failed, cells
-//! are divided and looked at again. Where none is left the packing is saturated. The way of voxels with orientations is
-//! that of Haiduk, Kubala and Ciesla (2018, DOI 10.1103/PhysRevE.98.063309), for shapes in the plane.
+//! point of a solid moves by more than `b` between the pose in the middle of a cell and any other of it. Where the
+//! solid in the middle overlaps a grain by more than `b`, every pose of the cell does, and the cell goes. Attempts are
+//! drawn from the cells that are left, which leaves the distribution of the grains as it is. When many have failed,
+//! cells are divided and looked at again. Where none is left the packing is saturated. Haiduk, Kubala and Ciesla (2018,
+//! DOI 10.1103/PhysRevE.98.063309) divide poses in the plane in this way.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use packstone_engine::shape::Pose;
