@@ -23,8 +23,8 @@ const LEAST_ATTEMPTS: u64 = 100_000;
 /// About the edge of the cubes that have a list of the grains near them.
 const LIST_EDGE: f64 = 0.4;
 
-/// A set of poses: middle and, as powers of 1/2, half edges, in units of the edge of the box (and a cube of half the
-/// edge 1/2) and of half the edge of the zone of orientations.
+/// A set of poses. Its middle is in units of the edge of the box, and of half the edge of the zone of orientations; its
+/// half edges are 1/2 to the power of the levels, in the same units.
 #[derive(Clone, Copy)]
 struct Cell {
     center: [f32; 3],
