@@ -4,13 +4,12 @@
 //! a free one.
 
 use std::fs;
-use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use crate::harness::deadline::within;
-use crate::harness::machine::has_tools_of_scripts;
+use crate::harness::machine::{has_tools_of_scripts, port};
 
 const README: &str = include_str!("../README.md");
 
@@ -36,7 +35,7 @@ async fn the_commands_of_the_readme_run_as_pasted() {
         directory.path().join("examples"),
     )
     .unwrap();
-    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let port = port();
     let commands = commands();
     for command in ["demo", "plan", "run", "export", "study", "serve", "key"] {
         assert!(commands.contains(&format!("packstone {command}")), "{command} is not in the README");

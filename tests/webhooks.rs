@@ -1,6 +1,7 @@
 //! Webhooks: signed messages at the end of jobs and studies, to receivers on loopback that the server allows.
 
 use std::collections::VecDeque;
+use std::io::{BufRead as _, BufReader};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
@@ -617,6 +618,17 @@ async fn secrets_are_replaced_without_a_gap() {
     server.stop().await;
 }
 
+/// Before a script, it says the port of its server in a first line: port 0 of the script is a free one, which nobody can
+/// take in between.
+const SAYS_PORT: &str = "
+import http.server
+class Server(http.server.HTTPServer):
+    def server_activate(self):
+        super().server_activate()
+        print(self.server_port, flush=True)
+http.server.HTTPServer = Server
+";
+
 /// Ends with the test.
 struct Python(Child);
 
@@ -639,20 +651,22 @@ async fn the_documented_receiver_verifies() {
     assert!(script.contains("8090") && script.contains("webhook-secret"));
     let (secret, other) = (Secret::make().await, Secret::make().await);
     for (signing, state) in [(&secret, "delivered"), (&other, "waiting")] {
-        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("webhook-secret"), &secret.text).unwrap();
         let mut python = Command::new("python3");
-        python.args(["-c", &script.replace("8090", &port.to_string())]).current_dir(folder.path());
-        let _python = Python(
-            python.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("python3"),
-        );
+        python.args(["-c", &(SAYS_PORT.to_owned() + &script.replace("8090", "0"))]);
+        python.current_dir(folder.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut python = Python(python.spawn().expect("python3"));
+        // Kept to the end, for the script prints what it is told.
+        let mut said = BufReader::new(python.0.stdout.take().unwrap());
+        let mut port = String::new();
+        said.read_line(&mut port).unwrap();
+        let port: u16 = port.trim().parse().unwrap();
         let data_dir = DataDir::new();
         let server = signing.launch(&data_dir).start().await;
         let client = server.client();
         let url = json!(format!("http://127.0.0.1:{port}/"));
         let job = client.succeed(&with_url(jobs::quick(1), &url)).await;
-        // Until the receiver listens, there is no connection.
         let answered = |job: &Value| !job["webhook"]["last_status"].is_null();
         let webhook = client.job_when(id_of(&job), "answered", answered).await["webhook"].clone();
         let status = if state == "delivered" { 204 } else { 401 };

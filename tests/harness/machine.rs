@@ -50,6 +50,16 @@ pub(crate) fn skip(variable: &str, lacks: &str, advice: &str) {
     std::io::stderr().write_all(warning.as_bytes()).unwrap();
 }
 
+/// A free port of this machine for a process that starts later. The system takes none of this range for those who ask
+/// for any (`net.ipv4.ip_local_port_range` begins at 32 768 where nobody set it), and this function gives each once.
+pub(crate) fn port() -> u16 {
+    static GIVEN: AtomicU32 = AtomicU32::new(0);
+    let first = std::process::id().wrapping_mul(61);
+    let next = || 20_000 + (first.wrapping_add(GIVEN.fetch_add(1, Ordering::Relaxed)) % 10_000) as u16;
+    let is_free = |port: &u16| std::net::TcpListener::bind(("127.0.0.1", *port)).is_ok();
+    std::iter::repeat_with(next).take(10_000).find(is_free).expect("a free port from 20000 to 29999")
+}
+
 fn is_installed(program: &str) -> bool {
     std::env::var_os("PATH")
         .is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join(program).exists()))

@@ -3,13 +3,12 @@
 
 use std::fs;
 use std::io::Read as _;
-use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use super::deadline::eventually;
-use super::machine::{lacking, skip};
+use super::machine::{lacking, port, skip};
 use super::process::{Finished, run};
 
 const PROGRAMS: [&str; 7] = ["munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel", "sinfo"];
@@ -109,8 +108,7 @@ impl Drop for Slurm {
 }
 
 fn configuration(directory: &str) -> String {
-    let ports: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind(("127.0.0.1", 0)).unwrap()).collect();
-    let [controller, node] = [0, 1].map(|i| ports[i].local_addr().unwrap().port());
+    let (controller, node) = (port(), port());
     format!(
         "ClusterName=test
 SlurmctldHost=localhost
