@@ -618,8 +618,8 @@ async fn secrets_are_replaced_without_a_gap() {
     server.stop().await;
 }
 
-/// Before a script, it says the port of its server in a first line: port 0 of the script is a free one, which nobody can
-/// take in between.
+/// Before a script, it says the port of its server in a first line: port 0 of the script is a free one, which nobody
+/// can take in between.
 const SAYS_PORT: &str = "
 import http.server
 class Server(http.server.HTTPServer):
