@@ -5,8 +5,6 @@
 //! adds equal Platonic solids of the volume 1 whose name contains the case to a periodic cube of this edge, for each
 //! seed from the first to the last.
 
-#![allow(clippy::unwrap_used)]
-
 mod saturate;
 mod solid;
 
@@ -21,11 +19,11 @@ use solid::Solid;
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let case = arguments.get(1).map_or("", String::as_str);
-    let edge: f64 = arguments.get(2).map_or(4.0, |edge| edge.parse().unwrap());
-    let first: u64 = arguments.get(3).map_or(1, |seed| seed.parse().unwrap());
-    let last: u64 = arguments.get(4).map_or(first, |seed| seed.parse().unwrap());
+    let edge: f64 = arguments.get(2).and_then(|edge| edge.parse().ok()).unwrap_or(4.0);
+    let first: u64 = arguments.get(3).and_then(|seed| seed.parse().ok()).unwrap_or(1);
+    let last: u64 = arguments.get(4).and_then(|seed| seed.parse().ok()).unwrap_or(first);
     for kind in PlatonicSolid::ALL.into_iter().filter(|kind| kind.name().contains(case)) {
-        let solid = Solid::new(kind).unwrap();
+        let Some(solid) = Solid::new(kind) else { continue };
         let mut fractions = Vec::new();
         for seed in first..=last {
             let start = Instant::now();
@@ -48,6 +46,9 @@ fn main() {
         let n = fractions.len() as f64;
         let mean = fractions.iter().sum::<f64>() / n;
         let squares: f64 = fractions.iter().map(|fraction| (fraction - mean).powi(2)).sum();
-        println!("{} mean {mean:.4}, error {:.4}", kind.name(), (squares / (n * (n - 1.0))).sqrt());
+        if n > 1.0 {
+            let error = (squares / (n * (n - 1.0))).sqrt();
+            println!("{} mean {mean:.4}, error {error:.4}", kind.name());
+        }
     }
 }

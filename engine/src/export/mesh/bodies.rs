@@ -411,6 +411,20 @@ impl Image {
         matches!(self, Self::Ellipsoid { .. })
     }
 
+    /// Whether it is stretched by more than half of the balance can make up for: no edge need be the one that both the
+    /// sphere and the ellipsoid want.
+    pub(super) fn is_out_of_balance(&self) -> bool {
+        match self {
+            Self::Sphere => false,
+            // The square root of 3 before the balance and after it.
+            Self::Ellipsoid { roots, .. } => {
+                let most = roots.iter().copied().fold(0.0, f64::max);
+                let least = roots.iter().copied().fold(f64::INFINITY, f64::min);
+                most * most > 3.0 * least * least
+            }
+        }
+    }
+
     /// Where a vertex of the sphere lies.
     pub(super) fn place(&self, p: Vector) -> Vector {
         match self {

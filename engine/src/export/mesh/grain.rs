@@ -19,9 +19,10 @@ use super::polyhedron::{self, Angular, Placed};
 use super::rounded::Facets;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{self, Fineness, Finenesses};
-use super::surface::{Shape, Surface, cross, dot};
+use super::surface::{Shape, Surface, angle, cross, dot};
 use crate::arrays::{self, Each as _};
 use crate::elementary::{exp, ln};
+use crate::gap::linear::{Vector, minus};
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -34,6 +35,10 @@ const EDGE_STEPS: f64 = 16.0;
 const AVERAGINGS: usize = 4;
 /// Most rounds of turning dents into ridges.
 const MOST_ROUNDS: usize = 8;
+/// How far the angles opposite to an edge must be from half a turn for it to be clear which diagonal is Delaunay's.
+pub(super) const CLEARLY: f64 = PI / 6.0;
+/// Largest angle between the normals of its triangles: beyond it a dent would be deep.
+const MOST_FOLD: f64 = PI / 6.0;
 /// Relative error of a corrected volume.
 const VOLUME_TOLERANCE: f64 = 1.0e-13;
 /// Most steps of the search for it.
@@ -136,7 +141,8 @@ impl<'a> Grains<'a> {
         let radius = diameter / 2.0 * (1.0 - 4.0 * f64::EPSILON);
         surface.points.iter_mut().for_each(|p| *p = image.balanced(*p).each(|x| x * radius));
         let floor_mm = self.options.floor_mm(diameter);
-        let mut ball = Ball { radius, image, facing: Vec::new() };
+        let is_out_of_balance = image.is_out_of_balance();
+        let mut ball = Ball { radius, image, is_out_of_balance, facing: Vec::new() };
         let corrects = self.options.volume_correction == VolumeCorrection::Scaled;
         let reach = self.reach_mm(row);
         let seen = if corrects { ROOM_REACH * reach } else { reach };
@@ -235,6 +241,7 @@ struct Ball<'a> {
     /// Of the sphere that the grain is an image of.
     radius: f64,
     image: Image,
+    is_out_of_balance: bool,
     facing: Vec<Facing<'a>>,
 }
 
@@ -357,8 +364,33 @@ impl Shape for Ball<'_> {
     }
 
     /// Whether the surface is dented along ab: d lies above the plane of abc, and by more than rounding.
+    ///
+    /// Of very flat ellipsoids that counts only where it is not clear which diagonal is Delaunay's on the ellipsoid.
+    /// The mesher's tetrahedra are Delaunay's: inside of an edge that is far from it they are flat, while beyond a dent
+    /// along the other diagonal they are not.
     fn is_wrong(&self, [a, b]: [u32; 2], [c, d]: [u32; 2], points: &[[f64; 3]]) -> bool {
+        if self.is_out_of_balance
+            && let Some(is_far) = self.is_far_from_delaunay([a, b, c, d], points)
+        {
+            return is_far;
+        }
         let from_a = |p: u32| [0, 1, 2].each(|i| points[p as usize][i] - points[a as usize][i]);
         dot(cross(from_a(b), from_a(c)), from_a(d)) > 1e-12 * self.radius.powi(3)
     }
+}
+
+impl Ball<'_> {
+    /// Whether ab is the wrong diagonal of the triangles abc and bad, where it is clear which is Delaunay's.
+    #[cold]
+    fn is_far_from_delaunay(&self, corners: [u32; 4], points: &[Vector]) -> Option<bool> {
+        let angles = opposite_angles(corners.each(|p| self.image.place(points[p as usize])))?;
+        ((angles - PI).abs() > CLEARLY).then_some(angles > PI)
+    }
+}
+
+/// The sum of the angles opposite to ab in the triangles abc and bad, where these are nearly in one plane.
+pub(super) fn opposite_angles([a, b, c, d]: [Vector; 4]) -> Option<f64> {
+    let normals = [cross(minus(b, a), minus(c, a)), cross(minus(d, a), minus(b, a))];
+    let are_flat = angle(normals) < MOST_FOLD;
+    are_flat.then(|| angle([minus(a, c), minus(b, c)]) + angle([minus(a, d), minus(b, d)]))
 }

@@ -5,13 +5,16 @@
 //! must, and no angle falls below half of the smallest that the surface began with. Afterwards edges are
 //! flipped until the surface is Delaunay's (Lawson 1977); on a sphere that is the convex hull of its
 //! vertices, and it has to be: beyond an edge that is dented inwards, the mesher is left with a tetrahedron
-//! as flat as the dent. It knows triangles and a wanted length of edges; it must never know what the surface
-//! is of.
+//! as flat as the dent, unless the other diagonal is far from Delaunay's. It knows triangles and a wanted
+//! length of edges; it must never know what the surface is of.
 
 use std::f64::consts::PI;
 
 use crate::arrays::{self, Each as _};
 use crate::elementary::atan2;
+
+/// Most flips of edges for each triangle; Delaunay's surfaces take a few.
+const MOST_FLIPS: usize = 30;
 
 /// Where new vertices go, how long edges may be, and which of two diagonals is the right one.
 pub(super) trait Shape {
@@ -83,11 +86,13 @@ impl Surface {
         true
     }
 
-    /// Flips edges until none is wrong; says whether there was one.
+    /// Flips edges until none is wrong, or so many times that the criterion seems to go round in circles; says whether
+    /// there was one.
     pub(super) fn flip(&mut self, shape: &impl Shape) -> bool {
-        let mut flipped = false;
+        let mut flips = 0;
+        let most = MOST_FLIPS * self.triangles.len();
         let mut open: Vec<u32> = (0..self.triangles.len() as u32).rev().collect();
-        while let Some(t) = open.pop() {
+        while let Some(t) = open.pop().filter(|_| flips < most) {
             for edge in 0..3 {
                 let [a, b, c] = [0, 1, 2].each(|k| self.triangles[t as usize][(edge + k) % 3]);
                 let other = self.behind[t as usize][edge];
@@ -103,12 +108,12 @@ impl Surface {
                     self.rename(ad, [d, a], t);
                     self.rename(bc, [c, b], other);
                     open.extend([other, t]);
-                    flipped = true;
+                    flips += 1;
                     break;
                 }
             }
         }
-        flipped
+        flips > 0
     }
 
     /// Tells a triangle what now lies behind its edge from one vertex to another.
@@ -229,16 +234,14 @@ impl Surface {
 /// criterion they should have the other diagonal. Each triangle by its other two sides, from the corner opposite to the
 /// edge.
 pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2]) -> bool {
-    let [cosine, opposite] = [one, other].each(|[p, q]| dot(p, q));
     // Two angles of a quarter of a turn at most: the most frequent case.
-    if cosine >= 0.0 && opposite >= 0.0 {
-        return false;
-    }
-    let angle = |[p, q]: [[f64; 3]; 2], cosine: f64| {
-        let normal = cross(p, q);
-        atan2(dot(normal, normal).sqrt(), cosine)
-    };
-    angle(one, cosine) + angle(other, opposite) > PI + 1e-9
+    [one, other].iter().any(|[p, q]| dot(*p, *q) < 0.0) && angle(one) + angle(other) > PI + 1e-9
+}
+
+/// The angle between two vectors.
+pub(super) fn angle([p, q]: [[f64; 3]; 2]) -> f64 {
+    let normal = cross(p, q);
+    atan2(dot(normal, normal).sqrt(), dot(p, q))
 }
 
 pub(super) fn distance2(a: [f64; 3], b: [f64; 3]) -> f64 {
