@@ -1,8 +1,11 @@
 //! What a mix amounts to before it is packed, and what this server can do.
 
-use serde_json::json;
+use std::time::{Duration, Instant};
 
-use crate::harness::{DataDir, Server, jobs};
+use futures_util::future::join_all;
+use serde_json::{Value, json};
+
+use crate::harness::{DataDir, Launch, Server, id_of, jobs};
 
 #[tokio::test]
 async fn a_plan_counts_and_stores_nothing() {
@@ -94,4 +97,87 @@ async fn capabilities_tell_what_can_be_asked_for() {
         assert!(text.contains(word), "{word} is not among the capabilities: {capabilities:#}");
     }
     server.stop().await;
+}
+
+/// A mix of four aggregates with 32 templates of 60 faces each, which take the longest to draw and to measure.
+fn costly(template_seed: u64) -> Value {
+    let aggregate = |number: u64| {
+        json!({"share": 0.25, "grading": {"type": "standard", "name": "A16"},
+            "shape": {"type": "polyhedron", "faces": 60, "template_seed": 4 * template_seed + number}})
+    };
+    json!({
+        "specimen": {"type": "box", "size_mm": [100, 100, 100]},
+        "mix": {"aggregates": [aggregate(0), aggregate(1), aggregate(2), aggregate(3)], "d_min_mm": 8,
+            "volume_fraction": 0.3},
+    })
+}
+
+#[tokio::test]
+async fn plans_of_polyhedra_hold_up_no_other_answer() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let begun = Instant::now();
+    let ask = |seed: u64| {
+        let client = server.client();
+        async move {
+            // Half of them as submissions.
+            let path = if seed.is_multiple_of(2) { "/v1/plans" } else { "/v1/jobs" };
+            let reply = client.post(path).json(&costly(seed)).timeout(Duration::from_mins(2)).send().await;
+            assert!([200, 201, 503].contains(&reply.status.as_u16()), "{path}: {}", reply.status);
+            begun.elapsed()
+        }
+    };
+    let plans = tokio::spawn(join_all((0..16).map(ask)));
+    let client = server.client();
+    let mut longest = Duration::ZERO;
+    while !plans.is_finished() {
+        let asked = Instant::now();
+        client.get("/healthz").send().await.expect(200);
+        longest = longest.max(asked.elapsed());
+    }
+    // Relative to the plans, so that a slow machine makes no difference: on a quiet one they take 5 s.
+    let all = plans.await.unwrap().into_iter().max().unwrap();
+    assert!(5 * longest < all, "an answer took {longest:?} while all plans took {all:?}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_study_of_one_mix_of_polyhedra_draws_its_templates_once() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(1).start().await;
+    let client = server.client();
+    let study = |template_seed: u64, points: u64| {
+        let values: Vec<f64> = (0..points).map(|i| 0.1 + 0.001 * i as f64).collect();
+        json!({"template": costly(template_seed), "grid": {"/mix/volume_fraction": values}})
+    };
+    let took = async |study: Value| {
+        let submitted = Instant::now();
+        let study = client.submit_study(&study).await;
+        let took = submitted.elapsed();
+        let cancelled = client.post(&format!("/v1/studies/{}/cancel", id_of(&study))).send().await;
+        assert!(cancelled.status.is_success(), "{}", cancelled.status);
+        took
+    };
+    let one = took(study(1, 2)).await;
+    let many = took(study(2, 200)).await;
+    assert!(many < 15 * one, "200 points take {many:?}, 2 points {one:?}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_plan_is_the_same_whether_or_not_it_was_made_before() {
+    let (data_dir, other_dir) = (DataDir::new(), DataDir::new());
+    let server = Server::start(&data_dir).await;
+    let other = Server::start(&other_dir).await;
+    let export = json!([{"type": "mesh", "format": "stl"}, {"type": "shapes"}]);
+    for job in [costly(3), jobs::with(costly(3), "/postprocess", export), jobs::quick(1)] {
+        let plan = async |server: &Server| {
+            server.client().post("/v1/plans").json(&job).send().await.expect(200).body.clone()
+        };
+        let first = plan(&server).await;
+        assert_eq!(first, plan(&server).await);
+        assert_eq!(first, plan(&other).await);
+    }
+    server.stop().await;
+    other.stop().await;
 }

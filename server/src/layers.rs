@@ -19,6 +19,7 @@ const LAYERS: &[&[&str]] = &[
         "http_client",
         "ids",
         "memory",
+        "planning",
         "remaining_time",
         "tasks",
         "telemetry",

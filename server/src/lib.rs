@@ -30,6 +30,7 @@ pub mod local;
 mod memory;
 mod metrics;
 mod page;
+mod planning;
 mod plots;
 mod problem;
 mod remaining_time;

@@ -114,8 +114,8 @@ kinds! {
         "The API key sends more requests than it may; `detail` tells the rate. Send the next one after `Retry-After`. \
          Hold an answer back with `Prefer: wait=N`, or follow the events of a job, instead of asking again and again."
     Busy "busy" 503 "Busy"
-        "The server already sends as many results, draws as many plots, or serves as many connections as it is \
-         configured for. Try again after `Retry-After`."
+        "The server already sends as many results, draws as many plots, computes as many plans, or serves as many \
+         connections as it is configured for. Try again after `Retry-After`."
     PreconditionFailed "precondition-failed" 412 "The resource has changed"
         "`If-Match` names another state than the present one, so nothing was changed. Get the resource again, and \
          repeat the request with its present `ETag` if the change is still needed."

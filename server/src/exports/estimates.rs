@@ -4,9 +4,9 @@ use packstone_engine::export::{ExportEstimate, ExportRequest};
 use packstone_engine::request::PackingRequest;
 use packstone_engine::{Limits, Plan};
 use serde::Serialize;
-use serde_json::Value;
 
 use crate::jobs::JobRequest;
+use crate::planning::{Planner, Proposal};
 
 /// What a job amounts to, with the exports that its `postprocess` names.
 #[derive(Debug, Serialize)]
@@ -44,10 +44,15 @@ pub(crate) fn planned<'a>(
 
 /// Estimates the size of an export of a stored job from the job's request; `None` where this version would refuse the
 /// request, or the export cannot be made.
-pub(crate) fn of_stored(export: &ExportRequest, request: &Value, limits: &Limits) -> Option<ExportEstimate> {
-    let request = JobRequest::read(request, 0, None).ok()?.packing();
-    let plan = Plan::new(&request, limits).ok()?;
-    export.estimate_from_plan(&request, &plan).ok()
+pub(crate) fn of_stored(
+    export: &ExportRequest,
+    request: &JobRequest,
+    limits: &Limits,
+    planner: &Planner,
+) -> Option<ExportEstimate> {
+    let request = request.packing();
+    let plan = planner.plan(&request, limits, Proposal::None).ok()?;
+    export.estimate_from_plan(&planner.with_templates(&request), &plan).ok()
 }
 
 /// Sum of the estimated file lengths, in bytes.

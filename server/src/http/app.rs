@@ -14,12 +14,14 @@ use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::disk::Disk;
+use crate::http::computing::ComputePool;
 use crate::http::hosts::Hosts;
 use crate::http::jobs::polled::Polled;
 use crate::http::session::Sessions;
 use crate::http::web::Web;
 use crate::jobs::store::Store;
 use crate::metrics::Metrics;
+use crate::planning::Planner;
 use crate::problem::{Kind, Problem};
 use crate::storage::Storage;
 use crate::tasks;
@@ -30,7 +32,9 @@ use crate::workers::packing::Packings;
 use crate::workers::probe;
 use crate::workers::slots::Slots;
 
-/// Bodies of more than this are read and planned a few at a time and off the threads that answer.
+/// Bodies of more than this are read off the threads that answer: those below take a millisecond.
+pub(crate) const SMALL_BODY_BYTES: usize = 1 << 15;
+/// Bodies of more than this are read a few at a time.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
 /// Large bodies at once: parsed JSON takes up to thirty times the room of its text.
 const LARGE_BODIES: usize = 2;
@@ -79,6 +83,11 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
+    /// Threads that plan requests and read long bodies.
+    pub(crate) compute: ComputePool,
+    /// Threads that write long documents.
+    pub(crate) documents: ComputePool,
+    pub(crate) planner: Planner,
     /// Jobs in other processes whose state was asked for lately.
     pub(crate) polled: Polled,
     /// Workers that ask for jobs.
@@ -135,6 +144,9 @@ impl App {
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
                 large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                compute: ComputePool::of_requests(),
+                documents: ComputePool::of_documents(),
+                planner: Planner::default(),
                 polled: Polled::default(),
                 heard: Heard::default(),
                 receiving: Mutex::default(),

@@ -10,6 +10,7 @@ mod auditing;
 mod auth;
 mod body;
 mod coding;
+mod computing;
 mod conditional;
 mod contract;
 mod drawing;

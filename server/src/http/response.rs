@@ -1,8 +1,62 @@
 //! Small parts of responses that every resource uses.
 
-use axum::http::{HeaderValue, header};
-use axum::response::Response;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::http::app::App;
+use crate::problem::Problem;
+
+/// Items of a list that are written at once.
+pub(crate) const SHORT_LIST: usize = 100;
+/// Values of a document beyond which it is long: writing it takes more than a millisecond.
+const LONG: usize = 2000;
+
+/// A document as JSON. One that is long is written off the threads that answer.
+pub(crate) async fn json<T: Serialize + Send + 'static>(
+    app: &App,
+    status: StatusCode,
+    document: T,
+    is_long: bool,
+) -> Response {
+    if !is_long {
+        return (status, axum::Json(document)).into_response();
+    }
+    let written = app.shared.documents.run(move |_| serde_json::to_vec(&document)).await;
+    let written = written.and_then(|written| {
+        written.map_err(|error| {
+            tracing::error!(%error, "a document cannot be written");
+            Problem::internal()
+        })
+    });
+    match written {
+        Ok(text) => (status, [(header::CONTENT_TYPE, "application/json")], text).into_response(),
+        Err(problem) => problem.into_response(),
+    }
+}
+
+/// Whether a document is long.
+pub(crate) fn is_long(value: &Value) -> bool {
+    fn count(value: &Value, left: &mut usize) {
+        *left = left.saturating_sub(1);
+        let below: &mut dyn Iterator<Item = &Value> = match value {
+            Value::Array(items) => &mut items.iter(),
+            Value::Object(members) => &mut members.values(),
+            _ => return,
+        };
+        for item in below {
+            if *left == 0 {
+                return;
+            }
+            count(item, left);
+        }
+    }
+    let mut left = LONG;
+    count(value, &mut left);
+    left == 0
+}
 
 /// Sets a header field whose value is known to be plain ASCII.
 pub(crate) fn set(response: &mut Response, name: header::HeaderName, value: &str) {

@@ -1,41 +1,38 @@
 //! What all submissions share: the `Idempotency-Key` and the digest of a body's content.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::http::HeaderMap;
 use serde_json::Value;
-use tokio_util::sync::CancellationToken;
+use tokio::time::timeout;
 
 use crate::failure::Failure;
 use crate::hex;
 use crate::http::app::App;
+use crate::http::computing::busy;
 use crate::problem::{Fault, Problem};
-use crate::tasks;
 
 /// Longest `Idempotency-Key`.
 const MAX_KEY_CHARS: usize = 255;
 
-/// Reads a large or costly body on a thread of the blocking pool, few of them at once. `read` gets a function that
-/// tells whether the client still waits: the reading ends early if it does not. A reading keeps its place until it
-/// ends, so clients that hang up cannot start more of them.
+/// How long a large body waits until it may be read.
+const LONGEST_WAIT: Duration = Duration::from_secs(10);
+
+/// Reads a large or costly body on a thread that computes, few of them at once. `read` gets a function that tells
+/// whether the client still waits: the reading ends early if it does not. A reading keeps its place until it ends, so
+/// clients that hang up cannot start more of them.
 pub(crate) async fn read_apart<T: Send + 'static>(
     app: &App,
     read: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Failure> + Send + 'static,
 ) -> Result<T, Problem> {
-    let Ok(place) = Arc::clone(&app.shared.large_bodies).acquire_owned().await else {
-        return Err(Problem::internal());
-    };
-    let gone = CancellationToken::new();
-    let _gone_with_this_future = gone.clone().drop_guard();
-    let reading = tasks::blocking(move || {
+    let place = timeout(LONGEST_WAIT, Arc::clone(&app.shared.large_bodies).acquire_owned()).await;
+    let Ok(Ok(place)) = place else { return Err(busy()) };
+    let reading = app.shared.compute.run(move |turn| {
         let _place = place;
-        read(&|| !gone.is_cancelled())
+        read(&|| turn.go_on())
     });
-    let failed = |error| {
-        tracing::error!(%error, "a submission was not read to its end");
-        Err(Failure::internal())
-    };
-    Ok(reading.await.unwrap_or_else(failed)?)
+    Ok(reading.await??)
 }
 
 /// Digest of what a document says, whatever the order of its keys and its spaces.

@@ -15,6 +15,7 @@ use super::seeds::Seeds;
 use super::{Point, Study};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobRequest;
+use crate::planning::{Planner, Proposal};
 use crate::webhooks::NONE_OF_JOBS;
 
 /// Conditions on the jobs of a study.
@@ -22,6 +23,7 @@ pub(super) struct Conditions<'a> {
     /// The time that `expires_at` must lie after, if that is to be checked.
     pub(super) now: Option<Timestamp>,
     pub(super) limits: &'a Limits,
+    pub(super) planner: &'a Planner,
     /// Whether a client still waits for the study.
     pub(super) go_on: &'a dyn Fn() -> bool,
 }
@@ -118,7 +120,7 @@ fn read_point(
     if job.webhook_url.is_some() {
         return Err(Failure::invalid(vec![FieldError::new("/webhook_url", NONE_OF_JOBS)]));
     }
-    let plan = Plan::new(&job.packing(), conditions.limits)?;
+    let plan = conditions.planner.plan(&job.packing(), conditions.limits, Proposal::None)?;
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();

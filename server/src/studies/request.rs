@@ -18,6 +18,7 @@ use super::pointer::Pointer;
 use super::{MAX_AXES, MAX_JOBS, MAX_POINT_VALUES, MAX_REQUEST_BYTES, StopWhen, Study, expand};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::request::{read_labels, read_name};
+use crate::planning::Planner;
 use crate::webhooks::WebhookUrl;
 
 /// Tolerance, in steps, within which the end of a range belongs to the range.
@@ -38,16 +39,17 @@ impl Study {
         now: Option<Timestamp>,
         limits: &Limits,
     ) -> Result<Self, Failure> {
-        Self::read_while(value, seed, now, limits, &|| true)
+        Self::read_while(value, seed, now, limits, &Planner::default(), &|| true)
     }
 
-    /// Does the same as [`read`](Self::read), but ends with an internal error as soon as `go_on` returns `false`,
-    /// because the client has gone.
+    /// Does the same as [`read`](Self::read) with a planner that others use, but ends with an internal error as soon as
+    /// `go_on` returns `false`, because the client has gone.
     pub(crate) fn read_while(
         value: &Value,
         seed: u64,
         now: Option<Timestamp>,
         limits: &Limits,
+        planner: &Planner,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, Failure> {
         let faults = Faults::default();
@@ -58,7 +60,7 @@ impl Study {
         });
         if let Some(request) = request.filter(|_| faults.count() == 0) {
             request.check_size()?;
-            return expand::expand(&request, &Conditions { now, limits, go_on });
+            return expand::expand(&request, &Conditions { now, limits, planner, go_on });
         }
         Err(Failure::invalid(faults.into_vec()))
     }

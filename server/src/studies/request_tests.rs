@@ -8,6 +8,7 @@ use serde_json::json;
 
 use super::*;
 use crate::jobs::JobRequest;
+use crate::planning::Planner;
 
 /// A template that is cheap to plan.
 fn job() -> Value {
@@ -342,7 +343,8 @@ fn reading_stops_when_nobody_waits() {
         checks.set(checks.get() + 1);
         checks.get() < 5
     };
-    let stopped = Study::read_while(&request, 42, None, &Limits::default(), &go_on).unwrap_err();
+    let stopped =
+        Study::read_while(&request, 42, None, &Limits::default(), &Planner::default(), &go_on).unwrap_err();
     assert_eq!((stopped.code, checks.get()), (FailureCode::InternalError, 5));
 }
 

@@ -1,5 +1,7 @@
 //! Addresses of exports: the type in the path, the options in the query.
 
+use std::sync::Arc;
+
 use axum::extract::{FromRequestParts, Path};
 use axum::http::request::Parts;
 use packstone_engine::export::{ExportRequest, ExportType};
@@ -27,7 +29,6 @@ use crate::http::storage::check_room;
 use crate::ids::JobId;
 use crate::jobs::{JobRecord, JobRequest};
 use crate::problem::{Kind, Problem};
-use crate::tasks;
 
 /// The job and the type that a path names.
 #[derive(Clone, Copy, Debug)]
@@ -150,19 +151,21 @@ impl Target {
             return Ok(());
         }
         let request = store.request(self.job.seq).await.map_err(|error| refused(error, self.job.id))?;
-        let packed = JobRequest::read(&request, 0, None).map_err(|faults| {
-            tracing::error!(job_id = %self.job.id, ?faults, "the stored request is unreadable");
-            Problem::internal()
-        })?;
-        self.export
-            .check(&packed.specimen, &app.shared.limits)
-            .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
-        let (export, limits) = (self.export.clone(), app.shared.limits);
-        let estimated = tasks::blocking(move || estimates::of_stored(&export, &request, &limits));
+        let (export, id, shared) = (self.export.clone(), self.job.id, Arc::clone(&app.shared));
+        let estimated = app.shared.compute.run(move |_| {
+            let packed = JobRequest::read(&request, 0, None).map_err(|faults| {
+                tracing::error!(job_id = %id, ?faults, "the stored request is unreadable");
+                Problem::internal()
+            })?;
+            export
+                .check(&packed.specimen, &shared.limits)
+                .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
+            Ok::<_, Problem>(estimates::of_stored(&export, &packed, &shared.limits, &shared.planner))
+        });
         // Without an estimate the export worker decides, which has the packing.
-        match estimated.await {
-            Ok(Some(estimate)) => check_room(app, &self.job.owner, estimate.bytes).await,
-            _ => Ok(()),
+        match estimated.await?? {
+            Some(estimate) => check_room(app, &self.job.owner, estimate.bytes).await,
+            None => Ok(()),
         }
     }
 

@@ -131,5 +131,5 @@ async fn shown(
     status: StatusCode,
 ) -> Result<Response, Problem> {
     let job = view::whole(app, caller, record, false).await.map_err(|error| refused(error, record.id))?;
-    Ok(view::response(status, record, &job))
+    Ok(view::response(app, status, record, job).await)
 }

@@ -3,7 +3,7 @@
 use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
@@ -12,6 +12,7 @@ use crate::http::jobs::polled::RECENT;
 use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
+use crate::http::response::{is_long, json};
 use crate::http::waiting::{self, Asked};
 use crate::jobs::store::StoreError;
 use crate::jobs::{self, JobId, JobRecord};
@@ -76,7 +77,7 @@ pub(crate) async fn get(
         }
         let whole = async {
             let job = view::whole(&app, &caller, &record, query.with_request()).await?;
-            Ok(view::response(StatusCode::OK, &record, &job))
+            Ok(view::response(&app, StatusCode::OK, &record, job).await)
         };
         asked.answer(&record, whole).await
     };
@@ -106,7 +107,8 @@ pub(crate) async fn request(
         store.request(record.seq).await
     };
     let request = found.await.map_err(|error| refused(error, id))?;
-    Ok(axum::Json(request).into_response())
+    let is_long = is_long(&request);
+    Ok(json(&app, StatusCode::OK, request, is_long).await)
 }
 
 /// Waits until a job is in the awaited state, the time is over, or the server stops; the job as it is then.

@@ -2,8 +2,8 @@
 
 use axum::Extension;
 use axum::extract::State;
-use axum::http::header;
-use axum::response::{IntoResponse as _, Response};
+use axum::http::{StatusCode, header};
+use axum::response::Response;
 use serde::Serialize;
 
 use crate::accounts::Caller;
@@ -13,7 +13,7 @@ use crate::http::pages::{self, PageParameters};
 use crate::http::params::values::{Labels, OrDefault, Text, Time};
 use crate::http::params::{Choice as _, IdPath, ParameterSet, Query, StudyPath, choices, parameters};
 use crate::http::problems::refused;
-use crate::http::response::set;
+use crate::http::response::{SHORT_LIST, json, set};
 use crate::ids::StudyId;
 use crate::jobs;
 use crate::jobs::request::MAX_NAME_CHARS;
@@ -134,10 +134,11 @@ pub(crate) async fn list(
 ) -> Result<Response, Problem> {
     let filter = query.jobs.filter(&caller, query.study);
     let found = page(&app, &filter, &query.jobs.page).await?;
-    Ok(found.response("/v1/jobs", |cursor| {
+    let next = |cursor: &str| {
         query.jobs.page.turn_to(cursor);
         query
-    }))
+    };
+    Ok(found.response(&app, "/v1/jobs", next).await)
 }
 
 /// List the jobs of a study
@@ -165,10 +166,11 @@ pub(crate) async fn list_of_study(
         return Err(refused(StoreError::NoStudy, id));
     }
     let found = page(&app, &filter, &query.page).await?;
-    Ok(found.response(&format!("/v1/studies/{id}/jobs"), |cursor| {
+    let next = |cursor: &str| {
         query.page.turn_to(cursor);
         query
-    }))
+    };
+    Ok(found.response(&app, &format!("/v1/studies/{id}/jobs"), next).await)
 }
 
 impl JobListParameters {
@@ -196,9 +198,15 @@ async fn page(app: &App, filter: &Filter, page: &PageParameters) -> Result<JobPa
 
 impl JobPage {
     /// The page as a response; `next` makes the parameters of the next page from its cursor.
-    fn response<P: ParameterSet>(self, path: &str, next: impl FnOnce(&str) -> P) -> Response {
+    async fn response<P: ParameterSet>(
+        self,
+        app: &App,
+        path: &str,
+        next: impl FnOnce(&str) -> P,
+    ) -> Response {
         let link = self.next_cursor.as_deref().map(|cursor| pages::link(path, &next(cursor)));
-        let mut response = axum::Json(self).into_response();
+        let is_long = self.items.len() > SHORT_LIST;
+        let mut response = json(app, StatusCode::OK, self, is_long).await;
         if let Some(link) = link {
             set(&mut response, header::LINK, &link);
         }

@@ -59,5 +59,5 @@ pub(crate) async fn patch(
     let record = changed.map_err(|error| refused(error, id))?;
     tracing::info!(job_id = %id, "changed");
     let job = view::whole(&app, &caller, &record, false).await.map_err(|error| refused(error, id))?;
-    Ok(view::response(StatusCode::OK, &record, &job))
+    Ok(view::response(&app, StatusCode::OK, &record, job).await)
 }

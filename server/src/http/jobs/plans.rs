@@ -7,13 +7,13 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 
 use crate::accounts::Caller;
-use crate::exports::estimates::{JobPlan, planned};
+use crate::exports::estimates::JobPlan;
 use crate::http::app::App;
 use crate::http::body;
-use crate::http::jobs::reading::{Proposal, Submission, read};
+use crate::http::jobs::reading::{Submission, read};
 use crate::http::params::{NoParameters, Query};
+use crate::planning::Proposal;
 use crate::problem::Problem;
-use crate::tasks;
 
 /// Plan a job
 ///
@@ -36,14 +36,7 @@ pub(crate) async fn plan(
     body: Body,
 ) -> Result<Response, Problem> {
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, .. } = read(&app, bytes, app.limits_of(&caller), Proposal::Made).await?;
-    let estimated = tasks::blocking(move || {
-        let exports = planned(request.exports(), &request.packing(), &plan);
-        JobPlan { plan, exports }
-    });
-    let job_plan = estimated.await.map_err(|error| {
-        tracing::error!(%error, "the exports could not be estimated");
-        Problem::internal()
-    })?;
-    Ok(axum::Json(job_plan).into_response())
+    let submission = read(&app, bytes, app.limits_of(&caller), Proposal::Made).await?;
+    let Submission { plan, exports, .. } = submission;
+    Ok(axum::Json(JobPlan { plan, exports }).into_response())
 }

@@ -1,14 +1,18 @@
-//! Reading the body of a job, for a submission or a plan.
+//! Reading and planning the body of a job, for a submission or a plan.
+
+use std::sync::Arc;
 
 use bytes::Bytes;
 use jiff::Timestamp;
-use packstone_engine::{Limits, Plan};
+use packstone_engine::{Limits, PackingRequest, Plan};
 
+use crate::exports::estimates::{PlannedExport, planned};
 use crate::failure::Failure;
-use crate::http::app::{App, LARGE_BODY_BYTES};
+use crate::http::app::{App, LARGE_BODY_BYTES, SMALL_BODY_BYTES};
 use crate::http::submission::{content_sha256, read_apart};
 use crate::http::webhooks;
 use crate::jobs::{JobRequest, request};
+use crate::planning::{Planner, Proposal};
 use crate::problem::Problem;
 use crate::strict_json;
 
@@ -16,42 +20,69 @@ use crate::strict_json;
 pub(crate) struct Submission {
     pub(crate) request: JobRequest,
     pub(crate) plan: Plan,
+    /// The exports that `postprocess` names.
+    pub(crate) exports: Vec<PlannedExport>,
     pub(crate) body_sha256: String,
 }
 
-/// Whether a plan proposes what else the specimen could hold, which takes a while.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Proposal {
-    Made,
-    None,
+/// A job that was read.
+struct Draft {
+    request: JobRequest,
+    packing: PackingRequest,
+    body_sha256: String,
 }
 
-/// Reads and plans a submission. Large ones are put aside, so that they do not hold up answers to
-/// others, and few at a time.
+/// Reads and plans a submission. What takes more than a moment is computed off the threads that answer: large bodies,
+/// grains of other shapes than spheres, proposals and exports.
 pub(crate) async fn read(
     app: &App,
     bytes: Bytes,
     limits: Limits,
     proposal: Proposal,
 ) -> Result<Submission, Problem> {
-    let submission = if bytes.len() <= LARGE_BODY_BYTES {
-        read_now(&bytes, &limits, proposal)?
+    let shared = Arc::clone(&app.shared);
+    let submission = if bytes.len() > LARGE_BODY_BYTES {
+        read_apart(app, move |_| Draft::read(&bytes)?.plan(&shared.planner, &limits, proposal)).await?
+    } else if bytes.len() > SMALL_BODY_BYTES {
+        let work = move |_: &_| Draft::read(&bytes)?.plan(&shared.planner, &limits, proposal);
+        app.shared.compute.run(work).await??
     } else {
-        read_apart(app, move |_| read_now(&bytes, &limits, proposal)).await?
+        let draft = Draft::read(&bytes)?;
+        if draft.takes_a_moment(&shared.planner, &limits, proposal) {
+            draft.plan(&shared.planner, &limits, proposal)?
+        } else {
+            app.shared.compute.run(move |_| draft.plan(&shared.planner, &limits, proposal)).await??
+        }
     };
     webhooks::check(&app.shared.webhook_rules, submission.request.webhook_url.as_ref())?;
     Ok(submission)
 }
 
-fn read_now(bytes: &[u8], limits: &Limits, proposal: Proposal) -> Result<Submission, Failure> {
-    let value = strict_json::parse(bytes)?;
-    let request =
-        JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now())).map_err(Failure::invalid)?;
-    let packing = request.packing();
-    let mut plan = Plan::new(&packing, limits)?;
-    request.check_postprocess(limits)?;
-    if proposal == Proposal::Made {
-        plan = plan.with_proposal(&packing);
+impl Draft {
+    fn read(bytes: &[u8]) -> Result<Self, Failure> {
+        let value = strict_json::parse(bytes)?;
+        let request = JobRequest::read(&value, request::draw_seed(), Some(Timestamp::now()))
+            .map_err(Failure::invalid)?;
+        Ok(Self { packing: request.packing(), request, body_sha256: content_sha256(value) })
     }
-    Ok(Submission { request, plan, body_sha256: content_sha256(value) })
+
+    /// Whether its plan takes less than a millisecond.
+    fn takes_a_moment(&self, planner: &Planner, limits: &Limits, proposal: Proposal) -> bool {
+        let is_simple = !self.packing.mix.has_shapes() && proposal == Proposal::None;
+        self.request.exports().next().is_none()
+            && (is_simple || planner.has_plan(&self.packing, limits, proposal))
+    }
+
+    fn plan(self, planner: &Planner, limits: &Limits, proposal: Proposal) -> Result<Submission, Failure> {
+        let Self { request, packing, body_sha256 } = self;
+        let plan = planner.plan(&packing, limits, proposal)?;
+        request.check_postprocess(limits)?;
+        let has_exports = request.exports().next().is_some();
+        let exports = if has_exports {
+            planned(request.exports(), &planner.with_templates(&packing), &plan)
+        } else {
+            Vec::new()
+        };
+        Ok(Submission { request, plan, exports, body_sha256 })
+    }
 }

@@ -13,7 +13,7 @@ use crate::http::app::App;
 use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::wait_until;
-use crate::http::jobs::reading::{Proposal, Submission, read};
+use crate::http::jobs::reading::{Submission, read};
 use crate::http::jobs::view;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
@@ -22,6 +22,7 @@ use crate::http::storage::check_room;
 use crate::http::submission::idempotency_key;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{IdempotencyKey, NewJob, Submitted};
+use crate::planning::Proposal;
 use crate::problem::Problem;
 use crate::storage::Storage;
 
@@ -53,10 +54,10 @@ pub(crate) async fn submit(
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
     let bytes = body::json_bytes(&app, &headers, body).await?;
-    let Submission { request, plan, body_sha256 } =
+    let Submission { request, plan, exports, body_sha256 } =
         read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
     let by = caller.by.clone();
-    let exports = estimates::bytes(&estimates::planned(request.exports(), &request.packing(), &plan));
+    let exports = estimates::bytes(&exports);
     check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
     let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, most_threads, grains, .. } = plan;
@@ -77,7 +78,7 @@ pub(crate) async fn submit(
             .map_err(|error| refused(error, id))?;
     }
     let job = view::whole(&app, &caller, &record, true).await.map_err(|error| refused(error, record.id))?;
-    let mut response = view::response(status, &record, &job);
+    let mut response = view::response(&app, status, &record, job).await;
     set(&mut response, header::LOCATION, &view::path(&record));
     if let Some(wait) = wait {
         set(&mut response, PREFERENCE_APPLIED, &wait.applied());

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use axum::http::header;
-use axum::response::{IntoResponse as _, Response};
+use axum::http::{StatusCode, header};
+use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -11,7 +11,7 @@ use crate::accounts::Caller;
 use crate::formats::ResultFormat;
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
-use crate::http::response::{named, set, time};
+use crate::http::response::{is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
 use crate::jobs::store::StoreError;
@@ -247,8 +247,9 @@ pub(crate) async fn whole(
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.
-pub(crate) fn response(status: axum::http::StatusCode, record: &JobRecord, job: &Job) -> Response {
-    let mut response = (status, axum::Json(job)).into_response();
+pub(crate) async fn response(app: &App, status: StatusCode, record: &JobRecord, job: Job) -> Response {
+    let is_long = job.request.as_ref().is_some_and(is_long);
+    let mut response = json(app, status, job, is_long).await;
     set(&mut response, header::ETAG, &record.etag());
     if !record.state.is_finished() {
         set(&mut response, header::RETRY_AFTER, "1");

@@ -12,11 +12,11 @@ use tokio::time::{Instant, sleep_until};
 
 use super::read;
 use crate::accounts::Caller;
-use crate::http::app::App;
+use crate::http::app::{App, SMALL_BODY_BYTES};
 use crate::http::body;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
-use crate::http::response::set;
+use crate::http::response::{json, set};
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{Claim, Claimed};
 use crate::metrics::LeaseEvent;
@@ -73,7 +73,9 @@ pub(crate) async fn lease(
         StatusCode::NO_CONTENT.into_response()
     } else {
         app.shared.store.wake_next_worker();
-        axum::Json(LeasesDocument { leases: documents(&app, &claimed).await? }).into_response()
+        let is_long = claimed.iter().map(|claimed| claimed.request.len()).sum::<usize>() > SMALL_BODY_BYTES;
+        let document = LeasesDocument { leases: documents(&app, &claimed).await? };
+        json(&app, StatusCode::OK, document, is_long).await
     };
     if let Some(wait) = wait {
         set(&mut response, PREFERENCE_APPLIED, &wait.applied());
@@ -132,8 +134,15 @@ async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>,
         let id = claimed.lease.id.to_string();
         let has_checkpoint = claimed.lease.attempt > 1 && has_checkpoint(app, id.clone()).await;
         let lease_s = app.shared.store.lease().as_secs_f64();
-        let limits = &app.shared.limits;
-        let document = LeaseDocument::of(claimed, lease_s, limits, room, queued, has_checkpoint);
+        let limits = app.shared.limits;
+        let document = if claimed.request.len() > SMALL_BODY_BYTES {
+            let claimed = claimed.clone();
+            let read =
+                move |_: &_| LeaseDocument::of(&claimed, lease_s, &limits, room, queued, has_checkpoint);
+            app.shared.documents.run(read).await?
+        } else {
+            LeaseDocument::of(claimed, lease_s, &limits, room, queued, has_checkpoint)
+        };
         documents.push(document.map_err(|error| {
             tracing::error!(%error, job_id = id, "the stored request is unreadable");
             Problem::internal()

@@ -29,7 +29,7 @@ problem_sets! {
     /// Of submissions.
     SubmitProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, CoarseMix 422, TooLarge 422, FormatNotAvailable 422,
-        IdempotencyKeyReused 422, QueueFull 429;
+        IdempotencyKeyReused 422, QueueFull 429, Busy 503;
     /// Of routes about one study.
     StudyProblems: ValidationError 400, NotFound 404;
     /// Of retries of a study.
@@ -50,7 +50,7 @@ problem_sets! {
     RetryProblems: ValidationError 400, NotFound 404, Conflict 409, PreconditionFailed 412, QueueFull 429;
     /// Of plans.
     PlanProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422;
+        UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422, Busy 503;
     /// Of results.
     ResultProblems: ValidationError 400, NotFound 404, NotAcceptable 406, ResultNotReady 409, JobFailed 409, ResultDamaged 410,
         RangeNotSatisfiable 416, Busy 503;
@@ -61,7 +61,7 @@ problem_sets! {
         RangeNotSatisfiable 416, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of the start of exports.
     ExportStartProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409, Conflict 409,
-        UnsupportedMediaType 415, FormatNotAvailable 422, TooLarge 422, QueueFull 429;
+        UnsupportedMediaType 415, FormatNotAvailable 422, TooLarge 422, QueueFull 429, Busy 503;
     /// Of exports that exist.
     ExportStatusProblems: ValidationError 400, NotFound 404, ResultNotReady 409, JobFailed 409;
     /// Of plots.

@@ -1,5 +1,7 @@
 //! Submitting a study.
 
+use std::sync::Arc;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
@@ -26,6 +28,7 @@ use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::http::webhooks;
 use crate::jobs::request;
 use crate::jobs::store::{IdempotencyKey, NewStudy, StudyState, SubmittedStudy};
+use crate::planning::Planner;
 use crate::problem::Problem;
 use crate::storage::Storage;
 use crate::strict_json;
@@ -105,13 +108,20 @@ struct Submission {
 /// Reads and expands a submission: off the threads that answer and few at a time, for a short request may
 /// stand for ten thousand jobs.
 async fn read(app: &App, bytes: Bytes, limits: Limits) -> Result<Submission, Problem> {
-    let submission = read_apart(app, move |go_on| read_now(&bytes, &limits, go_on)).await?;
+    let shared = Arc::clone(&app.shared);
+    let submission = read_apart(app, move |go_on| read_now(&bytes, &limits, &shared.planner, go_on)).await?;
     webhooks::check(&app.shared.webhook_rules, submission.study.webhook_url.as_ref())?;
     Ok(submission)
 }
 
-fn read_now(bytes: &[u8], limits: &Limits, go_on: &dyn Fn() -> bool) -> Result<Submission, Failure> {
+fn read_now(
+    bytes: &[u8],
+    limits: &Limits,
+    planner: &Planner,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Submission, Failure> {
     let value = strict_json::parse(bytes)?;
-    let study = Study::read_while(&value, request::draw_seed(), Some(Timestamp::now()), limits, go_on)?;
+    let (seed, now) = (request::draw_seed(), Some(Timestamp::now()));
+    let study = Study::read_while(&value, seed, now, limits, planner, go_on)?;
     Ok(Submission { request: study.recorded(&value), study, body_sha256: content_sha256(value) })
 }

@@ -10,7 +10,7 @@ use crate::http::negotiation::{self, TableFormat};
 use crate::http::params::values::Named;
 use crate::http::params::{Choice as _, IdPath, Query, StudyPath, parameters};
 use crate::http::problems::refused;
-use crate::http::response::set;
+use crate::http::response::{SHORT_LIST, json, set};
 use crate::jobs::store::StoreError;
 use crate::problem::Problem;
 
@@ -59,9 +59,9 @@ pub(crate) async fn get(
     }
     let table = store.study_table(&study).await?;
     let mut response = match format {
-        TableFormat::Json => axum::Json(table).into_response(),
+        TableFormat::Json => json(&app, StatusCode::OK, table, study.points as usize > SHORT_LIST).await,
         TableFormat::Csv => {
-            let mut response = table.to_csv().into_response();
+            let mut response = app.shared.documents.run(move |_| table.to_csv()).await?.into_response();
             let csv = HeaderValue::from_static("text/csv; charset=utf-8; header=present");
             response.headers_mut().insert(header::CONTENT_TYPE, csv);
             response

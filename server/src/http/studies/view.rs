@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 
 use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
-use crate::http::response::{named, set, time};
+use crate::http::response::{SHORT_LIST, is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
 use crate::ids::StudyId;
@@ -223,7 +223,8 @@ pub(crate) async fn response(
     let warnings = warnings.into_iter().map(|(point, warnings)| PointWarnings { point, warnings }).collect();
     let webhook = WebhookView::of_study(app, caller, record).await?;
     let study = Study { summary: StudySummary::of(app, record), request, webhook, warnings };
-    let mut response = (status, axum::Json(study)).into_response();
+    let is_long = study.request.as_ref().is_some_and(is_long) || study.warnings.len() > SHORT_LIST;
+    let mut response = json(app, status, study, is_long).await;
     set(&mut response, header::ETAG, &record.etag());
     if record.state() == StudyState::Open {
         set(&mut response, header::RETRY_AFTER, "1");

@@ -56,9 +56,10 @@ impl Web {
             Self::Folder(folder) => {
                 let (known, _) = FILES.iter().find(|(known, _)| *known == name).ok_or_else(missing)?;
                 let path = folder.join(known);
-                let read = tasks::blocking(move || std::fs::read(path)).await;
+                // Compressed there, too.
+                let read = tasks::blocking(move || Ok(WebFile::new(known, std::fs::read(path)?))).await;
                 match read.unwrap_or_else(|error| Err(std::io::Error::other(error))) {
-                    Ok(bytes) => Ok(WebFile::new(known, bytes).answer(headers)),
+                    Ok(file) => Ok(file.answer(headers)),
                     Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing()),
                     Err(error) => {
                         tracing::error!(%error, name, "a file of --web-dir cannot be read");

@@ -148,7 +148,7 @@ impl Store {
             .fetch_optional(self.readers())
             .await?
             .ok_or(StoreError::NoJob)?;
-        serde_json::from_str(row.text("body")?).map_err(|error| StoreError::Row(error.to_string()))
+        rows::document(row.text("body")?).await
     }
 
     /// A page of at most `limit` jobs beyond the position `after` in the order of the filter.

@@ -1,9 +1,15 @@
 //! Rows of the database as jobs.
 
+use serde_json::Value;
+
 use super::StoreError;
 use super::db::{Row, Transaction, query};
 use crate::ids::StudyId;
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
+use crate::tasks;
+
+/// Documents that are longer than this are read off the threads that answer.
+const LONG: usize = 1 << 15;
 
 /// A query for jobs with their artifacts; `$tail` holds what follows the joins, `$more` further columns.
 macro_rules! select_jobs {
@@ -107,4 +113,13 @@ pub(super) fn study_id(text: &str) -> Result<StudyId, StoreError> {
 
 pub(super) fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, StoreError> {
     serde_json::from_str(text).map_err(|error| StoreError::Row(error.to_string()))
+}
+
+/// A stored document, which may be long.
+pub(super) async fn document(text: &str) -> Result<Value, StoreError> {
+    if text.len() <= LONG {
+        return json(text);
+    }
+    let text = text.to_owned();
+    tasks::blocking(move || json(&text)).await?
 }

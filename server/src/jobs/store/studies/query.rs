@@ -50,7 +50,7 @@ impl Store {
             .fetch_optional(self.readers())
             .await?
             .ok_or(StoreError::NoStudy)?;
-        rows::json(row.text("body")?)
+        rows::document(row.text("body")?).await
     }
 
     /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first
