@@ -164,7 +164,7 @@ pub(crate) struct FailureFacts {
     #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) end: Option<GrowthEnd>,
     /// Whether it is proven that no further grain of this diameter can be inserted.
-    #[serde(default, skip_serializing_if = "Option::is_none", alias = "proven")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) saturation_proven: Option<bool>,
     /// Number of insertions tried for the grain.

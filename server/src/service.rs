@@ -154,6 +154,7 @@ impl Service {
                 .with_rate(options.max_requests_per_second_per_key, options.request_burst_per_key),
         );
         let store = Store::open(&database, &options.data_dir, limits, Arc::clone(&accounts)).await?;
+        tracing::info!(%database, identity = store.identity(), "opened the store");
         let mut disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
         if let Some(folder) = options.blobs.as_ref().and_then(Place::folder) {
             disk = disk.with_files_in(folder.to_owned());

@@ -1,7 +1,7 @@
 //! The result of a run as plain data: the grains in columns, and the report about them.
 //!
-//! Every file format writes these types and the server stores them. Reports that an earlier revision wrote can be
-//! read: renamed fields have aliases, and fields that were added have defaults.
+//! Every file format writes these types and the server stores them. Reports of results without a field that was added
+//! later can be read: such fields have defaults.
 
 mod grains;
 
@@ -33,7 +33,6 @@ pub struct Report {
     /// What the algorithms counted.
     pub statistics: Statistics,
     /// What the independent check found.
-    #[serde(alias = "verification")]
     pub check: CheckReport,
     /// What a user should know about this packing, one sentence each; empty where there is nothing. A total volume or
     /// a size class that misses what the mix requests is reported here.
@@ -43,7 +42,7 @@ pub struct Report {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub growth_curve: Vec<GrowthPoint>,
     /// How far coarse and fine grains lie apart, where a gradient was requested.
-    #[serde(default, skip_serializing_if = "Option::is_none", alias = "placement")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub segregation: Option<SegregationReport>,
     /// Shapes and orientation of the grains; absent where all are spheres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -289,7 +288,6 @@ pub struct ClassReport {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Timings {
     /// Drawing the diameters.
-    #[serde(alias = "take")]
     pub sampling: f64,
     /// Random sequential addition.
     pub rsa: f64,
@@ -300,7 +298,6 @@ pub struct Timings {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub monte_carlo: Option<f64>,
     /// The independent check.
-    #[serde(alias = "verify")]
     pub check: f64,
     /// All of it.
     pub total: f64,
@@ -399,7 +396,6 @@ pub struct EdmdStatistics {
     /// Collisions with a wall.
     pub wall_collisions: u64,
     /// Lists of near neighbours made anew.
-    #[serde(alias = "list_renewals")]
     pub list_rebuilds: u64,
     /// Pairs of grains whose next collision was computed.
     pub predictions: u64,
@@ -412,10 +408,8 @@ pub struct EdmdStatistics {
     /// Times that all velocities were scaled back.
     pub velocity_rescalings: u64,
     /// Epochs: the moments at which the run may be interrupted.
-    #[serde(alias = "epochs")]
     pub compression_cycles: u64,
     /// Grains that kept colliding on the spot and were moved.
-    #[serde(alias = "stuck_grains")]
     pub pinned_grains: u64,
     /// Times that a packing which jammed just below its target was expanded, to grow again.
     #[serde(default)]
@@ -444,13 +438,10 @@ pub struct EdmdStatistics {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CheckReport {
     /// Smallest clear distance between two grains; `null` where there is one grain only.
-    #[serde(alias = "min_clearance_mm")]
     pub min_gap_mm: Option<f64>,
     /// Smallest clear distance from a grain to a wall; `null` in a periodic box.
-    #[serde(alias = "min_wall_clearance_mm")]
     pub min_wall_gap_mm: Option<f64>,
     /// Smallest excess of a pair's clear distance over what its rule demands; never negative.
-    #[serde(alias = "min_slack_mm")]
     pub min_excess_gap_mm: Option<f64>,
     /// Largest miss of a size class, as a share of the mass of all grains.
     pub max_class_mass_error: f64,

@@ -19,7 +19,6 @@ mod schema;
 pub mod segregation;
 pub mod shape;
 pub mod standard;
-mod upgrade;
 
 use serde::Serialize;
 
@@ -35,7 +34,6 @@ pub use shape::{
     DEFAULT_TEMPLATES, GrainKind, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation,
     PlainShape, ShapeClass, ShapeMixture, TemplateShape,
 };
-pub use upgrade::{upgrade, upgrade_export};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.

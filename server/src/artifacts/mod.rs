@@ -30,8 +30,6 @@ use crate::tasks;
 const RESULT: &str = ".packstone";
 /// Ending of a complete export.
 const EXPORT: &str = ".export";
-/// Ending of a complete export of revision 1.
-const EXPORT_1: &str = ".derived";
 /// Name of the folder of results and exports.
 const FOLDER: &str = "artifacts";
 /// Name of the folder, beside the one of results, to which files are moved that the database does not know.
@@ -76,14 +74,14 @@ impl Settled {
     /// The ID of the job or the export, and the attempt that wrote it, by its name.
     pub(crate) fn attempt(&self) -> Option<(&str, i64)> {
         let name = self.complete.rsplit('/').next()?;
-        let name = [RESULT, EXPORT, EXPORT_1].iter().find_map(|ending| name.strip_suffix(ending))?;
+        let name = [RESULT, EXPORT].iter().find_map(|ending| name.strip_suffix(ending))?;
         let (id, attempt) = name.rsplit_once('.')?;
         Some((id, attempt.parse().ok()?))
     }
 
     /// Reads the path of a file; `None` for what is neither a result nor an export.
     fn read(path: &str) -> Option<Self> {
-        let is_file = |path: &str| [RESULT, EXPORT, EXPORT_1].iter().any(|ending| path.ends_with(ending));
+        let is_file = |path: &str| [RESULT, EXPORT].iter().any(|ending| path.ends_with(ending));
         let complete = match path.strip_suffix(PARTIAL) {
             None => path,
             // In a shared folder with a name of its own besides.
@@ -318,7 +316,6 @@ mod tests {
             ("ab/xab.1.packstone", "ab/xab.1.packstone", Some(("xab", 1))),
             ("ab/xab.12.export.tmp", "ab/xab.12.export", Some(("xab", 12))),
             ("ab/xab.12.export.0192af.tmp", "ab/xab.12.export", Some(("xab", 12))),
-            ("ab/xab.2.derived", "ab/xab.2.derived", Some(("xab", 2))),
             ("ab/xab.last.packstone", "ab/xab.last.packstone", None),
         ] {
             let read = Settled::read(path).unwrap();

@@ -8,7 +8,6 @@ use std::sync::PoisonError;
 
 use packstone_engine::Unattended;
 use packstone_engine::export::tables::{Column, GrainSource, Head, stored::Layout};
-use packstone_engine::request::upgrade;
 use packstone_engine::shape::Polyhedron;
 use sha2::{Digest, Sha256};
 
@@ -105,9 +104,7 @@ impl Artifacts {
 impl StoredResult {
     /// The result in a file that is at its start.
     pub(super) fn of(file: File) -> io::Result<Self> {
-        let mut layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
-        // A result of revision 1 has a request of revision 1.
-        upgrade(&mut layout.head.request);
+        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
         if layout.file_length() != file.metadata()?.len() {
             return Err(invalid("the file holds other columns than it says".into()));
         }

@@ -89,10 +89,8 @@ pub struct Checks {
     /// T6: nodes - edges + triangles of the surface; 2 for a sphere.
     pub euler_surface: i64,
     /// T7: smallest parameter of the point of an edge, 0 at its first node and 1 at its second.
-    #[serde(alias = "edge_share_min")]
     pub edge_parameter_min: f64,
     /// T7: largest such parameter.
-    #[serde(alias = "edge_share_max")]
     pub edge_parameter_max: f64,
     /// T7: edges whose spheres overlap, which only those of surface nodes can.
     pub overlapping_edges: u64,

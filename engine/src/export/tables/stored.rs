@@ -15,7 +15,7 @@ use super::columns::names;
 use super::npy::write_columns;
 use super::source::no_column;
 use super::templates::{self, TemplateRecord};
-use super::{Column, GrainSource, Head};
+use super::{Column, EngineInfo, GrainSource, Head};
 use crate::arrays;
 use crate::shape::Polyhedron;
 
@@ -31,6 +31,9 @@ pub const MAGIC_BYTES: usize = 8;
 const FIXED: usize = 24;
 /// Columns start at a multiple of this.
 const ALIGNMENT: usize = 64;
+
+/// The first version whose results have this form, major and minor.
+const SINCE: (u64, u64) = (0, 2);
 
 /// Whether a file that begins with these bytes is a stored result.
 #[must_use]
@@ -87,6 +90,11 @@ impl Layout {
         if text.len() as u64 != head_length {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
+        if let Some(version) = version_in(&text).filter(|version| is_older(version)) {
+            let this = crate::VERSION;
+            let what = format!("a result of Packstone {version}, which reads it; this is Packstone {this}");
+            return Err(invalid(&what));
+        }
         let (columns, templates, head) = if magic == MAGIC_1 {
             (Column::OF_SPHERES, Vec::new(), serde_json::from_slice(&text)?)
         } else {
@@ -112,6 +120,27 @@ impl Layout {
     pub fn file_length(&self) -> u64 {
         self.columns_offset + 8 * self.columns.len() as u64 * self.rows
     }
+}
+
+/// The version of the engine in the head of either revision.
+fn version_in(head: &[u8]) -> Option<String> {
+    #[derive(Deserialize)]
+    struct Made {
+        engine: EngineInfo,
+    }
+    #[derive(Deserialize)]
+    struct Either {
+        engine: Option<EngineInfo>,
+        head: Option<Made>,
+    }
+    let found: Either = serde_json::from_slice(head).ok()?;
+    Some(found.engine.or(Some(found.head?.engine))?.version)
+}
+
+/// Whether a version made results of an older form.
+fn is_older(version: &str) -> bool {
+    let mut numbers = version.split('.').map(str::parse::<u64>);
+    matches!((numbers.next(), numbers.next()), (Some(Ok(major)), Some(Ok(minor))) if (major, minor) < SINCE)
 }
 
 /// A stored result in memory.

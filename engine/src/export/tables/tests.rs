@@ -182,6 +182,27 @@ fn results_stored_before_there_was_growth_read_back() {
 }
 
 #[test]
+fn a_stored_result_of_an_older_version_is_refused_with_that_version() {
+    let (head, spheres) = result();
+    let mut bytes = Vec::new();
+    stored::write(&head, &spheres, &mut bytes).unwrap();
+    let end = 24 + u64::from_le_bytes(bytes[8..16].try_into().unwrap()) as usize;
+    let text = String::from_utf8(bytes[24..end].to_vec()).unwrap();
+    let present = format!(r#""version":"{}""#, crate::VERSION);
+    // Also where the form of the head itself is another one.
+    for other in [text.clone(), text.replacen(r#""check":"#, r#""verification":"#, 1)] {
+        let older = other.replacen(&present, r#""version":"0.1.0""#, 1);
+        assert_ne!(older, text);
+        let mut bytes = bytes.clone();
+        bytes[8..16].copy_from_slice(&(older.len() as u64).to_le_bytes());
+        bytes.splice(24..end, older.bytes());
+        let refused = Layout::read(&mut bytes.as_slice()).unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::InvalidData);
+        assert!(refused.to_string().contains("Packstone 0.1.0, which reads it"), "{refused}");
+    }
+}
+
+#[test]
 fn what_growth_counted_is_stored_too() {
     let (mut head, spheres) = result();
     let edmd =

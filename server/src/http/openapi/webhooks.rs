@@ -1,6 +1,6 @@
 //! What the interface document says of the messages that this service sends.
 //!
-//! Triggers of the database make the messages (`migrations/0014_webhooks.sql`); the end-to-end suite holds them against
+//! Triggers of the database make the messages (`migrations/`); the end-to-end suite holds them against
 //! this schema.
 
 use serde_json::{Value, json};

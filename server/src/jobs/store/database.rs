@@ -4,13 +4,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection as _, SqliteConnection};
 
 use super::db::{Connection, Options, WAIT};
 #[cfg(feature = "postgres")]
 use super::servers::{Others, Servers};
-use super::{StoreError, migrations, upgrade};
+use super::{StoreError, schema};
 
 /// A database that a store can be opened in.
 #[derive(Clone, Debug)]
@@ -24,6 +24,17 @@ pub(crate) enum Database {
         /// Whether other servers may use it at the same time.
         is_shared: bool,
     },
+}
+
+/// An open database.
+#[derive(Debug)]
+pub(super) struct Opened {
+    /// The connection that writes.
+    pub(super) connection: Connection,
+    /// How further connections are opened.
+    pub(super) options: Options,
+    /// Which database it is (see [`schema`]).
+    pub(super) identity: String,
 }
 
 /// A text that names no database which this program can use.
@@ -138,26 +149,27 @@ impl Database {
         }
     }
 
-    /// Opens the connection that writes, makes a file that is missing, and brings the tables up to date. Returns also
-    /// how further connections are opened.
+    /// Opens the connection that writes; makes a file that is missing, and tables where there are none.
     ///
     /// # Errors
-    /// The database's, or a newer version has made its tables.
-    pub(super) async fn open(&self) -> Result<(Connection, Options), StoreError> {
+    /// The database's, or its tables are not those of this version.
+    pub(super) async fn open(&self) -> Result<Opened, StoreError> {
         match self.options() {
             Options::Sqlite(options) => {
-                let options = options.journal_mode(SqliteJournalMode::Wal);
-                let mut connection =
-                    SqliteConnection::connect_with(&options.clone().create_if_missing(true)).await?;
-                migrations::migrations_to(i64::MAX).run(&mut connection).await?;
-                upgrade::run(&mut connection).await?;
-                Ok((Connection::Sqlite(connection), Options::Sqlite(Box::new(options))))
+                // Must be set before the file has its first page, which a write-ahead log makes.
+                let first =
+                    options.clone().create_if_missing(true).auto_vacuum(SqliteAutoVacuum::Incremental);
+                let mut first = Connection::Sqlite(SqliteConnection::connect_with(&first).await?);
+                let identity = schema::prepare(&mut first, self).await?;
+                first.close().await?;
+                let options = Options::Sqlite(Box::new(options.journal_mode(SqliteJournalMode::Wal)));
+                Ok(Opened { connection: options.connect().await?, options, identity })
             }
             #[cfg(feature = "postgres")]
-            Options::Postgres(options) => {
-                let mut connection = sqlx::PgConnection::connect_with(&options).await?;
-                migrations::of_postgres().run(&mut connection).await?;
-                Ok((Connection::Postgres(connection), Options::Postgres(options)))
+            options @ Options::Postgres(_) => {
+                let mut connection = options.connect().await?;
+                let identity = schema::prepare(&mut connection, self).await?;
+                Ok(Opened { connection, options, identity })
             }
         }
     }

@@ -1,7 +1,7 @@
 //! The files that a store refers to, read without a store: from the database of a service that may be running.
 
 use super::db::query;
-use super::{Database, StoreError};
+use super::{Database, StoreError, schema};
 
 /// A result or an export as the database has it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,15 +17,18 @@ pub(crate) struct ExpectedFile {
 /// All files that a database refers to, by path. The database is only read.
 ///
 /// # Errors
-/// The database's.
+/// The database's, or its tables are not those of this version.
 pub(crate) async fn files_of(database: &Database) -> Result<Vec<ExpectedFile>, StoreError> {
     let readers = database.options().readers().await?;
+    let mut tx = readers.begin().await?;
+    schema::read(&mut tx, database).await?;
     let rows = query(
         "select path, bytes, sha256 from artifacts
          union all select path, bytes, sha256 from exports where path is not null order by path",
     )
-    .fetch_all(&readers)
+    .fetch_all(&mut tx)
     .await?;
+    tx.rollback().await?;
     readers.close().await;
     rows.iter()
         .map(|row| {

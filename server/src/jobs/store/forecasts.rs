@@ -1,5 +1,5 @@
 //! The forecast of a job: the time that its plan expects it to take on one core, stored at its submission. Triggers
-//! keep the sums of the jobs that wait and run (`migrations/0015_forecasts.sql`).
+//! keep the sums of the jobs that wait and run (`migrations/`).
 
 use std::time::Duration;
 
@@ -59,11 +59,9 @@ impl Store {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use serde_json::json;
-    use sqlx::Connection as _;
 
-    use super::super::tests::{file_of_version, fresh, open_file, submit_forecast, succeed};
+    use super::super::tests::{fresh, submit_forecast, succeed};
     use super::*;
-    use crate::ids::JobId;
 
     fn work(queued_s: f64, running_s: f64) -> ForecastWork {
         ForecastWork { queued_s, running_s }
@@ -130,34 +128,5 @@ mod tests {
         store.delete(first.id).await.unwrap();
         store.delete(second.id).await.unwrap();
         assert_eq!(work_of(&store).await, work(60.0, 0.0));
-    }
-
-    #[tokio::test]
-    async fn jobs_without_a_forecast_count_as_a_minute() {
-        let folder = tempfile::tempdir().unwrap();
-        let mut old = file_of_version(&folder, 14).await;
-        let states = ["queued", "running", "succeeded", "queued", "failed", "cancelled"];
-        let ids: Vec<JobId> = states.iter().map(|_| JobId::new()).collect();
-        for (id, state) in ids.iter().zip(states) {
-            sqlx::query(
-                "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at,
-                     updated_at, engine)
-                 values (?, ?, '{}', 0, 1, 3, 3, 0, 0, '{}')",
-            )
-            .bind(id.to_string())
-            .bind(state)
-            .execute(&mut old)
-            .await
-            .unwrap();
-        }
-        old.close().await.unwrap();
-        let store = open_file(&folder).await;
-        let unknown_s = UNKNOWN_FORECAST.as_secs_f64();
-        assert_eq!(work_of(&store).await, work(2.0 * unknown_s, unknown_s));
-        store.delete(ids[2]).await.unwrap();
-        store.cancel(ids[0]).await.unwrap();
-        assert_eq!(work_of(&store).await, work(unknown_s, unknown_s));
-        submit_forecast(&store, 7.0, json!({})).await;
-        assert_eq!(work_of(&store).await, work(unknown_s + 7.0, unknown_s));
     }
 }

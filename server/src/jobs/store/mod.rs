@@ -26,13 +26,13 @@ mod leases_tests;
 mod lifecycle;
 #[cfg(test)]
 mod load_tests;
-mod migrations;
 #[cfg(test)]
 mod owners_tests;
 mod patch;
 mod query;
 mod rows;
 mod running;
+mod schema;
 #[cfg(feature = "postgres")]
 mod servers;
 #[cfg(all(test, feature = "postgres"))]
@@ -46,7 +46,6 @@ mod tests;
 #[cfg(feature = "postgres")]
 pub(crate) mod transfer;
 mod turns;
-mod upgrade;
 mod upkeep;
 mod webhooks;
 #[cfg(test)]
@@ -67,6 +66,7 @@ use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
 use crate::tasks;
+use database::Opened;
 use db::{Durability, Readers};
 use writer::{Writer, Writing};
 
@@ -79,6 +79,7 @@ pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
+pub(crate) use schema::SchemaError;
 pub(crate) use standings::Standing;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
@@ -97,9 +98,9 @@ pub(crate) enum StoreError {
     /// The database refused; the error of a commit is that of all writes which shared it.
     #[error("the database failed: {0}")]
     Database(Arc<sqlx::Error>),
-    /// The tables could not be brought up to date.
-    #[error("the database could not be migrated: {0}")]
-    Migrate(#[from] sqlx::migrate::MigrateError),
+    /// The tables are not those of this version.
+    #[error(transparent)]
+    Schema(#[from] SchemaError),
     /// A row holds what this version cannot read.
     #[error("a row of the database is unreadable: {0}")]
     Row(String),
@@ -173,6 +174,8 @@ pub(crate) struct Store {
 
 #[derive(Debug)]
 struct Shared {
+    /// Which database it is.
+    identity: String,
     writer: Writer,
     readers: Readers,
     /// Whether other servers may use the database.
@@ -196,18 +199,18 @@ struct Shared {
 }
 
 impl Store {
-    /// Opens the database, makes a file that is missing, and brings its tables up to date. `folder` is where a reserve
+    /// Opens the database; makes a file that is missing, and tables where there are none. `folder` is where a reserve
     /// of disk space lies.
     ///
     /// # Errors
-    /// When the database cannot be opened or migrated, by an older version for example.
+    /// When the database cannot be opened, or its tables are not those of this version.
     pub(crate) async fn open(
         database: &Database,
         folder: &Path,
         limits: StoreLimits,
         accounts: Arc<Accounts>,
     ) -> Result<Self, StoreError> {
-        let (connection, options) = database.open().await?;
+        let Opened { connection, options, identity } = database.open().await?;
         let readers = options.readers().await?;
         let writer = Writer::new(connection, options);
         // Sets the clock.
@@ -215,6 +218,7 @@ impl Store {
         #[cfg(feature = "postgres")]
         let (servers, others) = database.servers().unzip();
         let shared = Arc::new(Shared {
+            identity,
             writer,
             readers,
             others_may_use_it: database.is_shared(),
@@ -250,6 +254,12 @@ impl Store {
             return servers.is_leader();
         }
         true
+    }
+
+    /// Which database it is: random, made with the tables. It stays the same in a backup and after `packstone
+    /// migrate-store`.
+    pub(crate) fn identity(&self) -> &str {
+        &self.shared.identity
     }
 
     /// How long a lease lasts without being renewed.

@@ -3,9 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::json;
-use sqlx::Connection as _;
 
-use super::tests::{LIMITS, file_of_version, fresh, open_file, submit_as, succeed, with_quotas};
+use super::tests::{LIMITS, fresh, submit_as, succeed, with_quotas};
 use super::*;
 use crate::accounts::Quotas;
 
@@ -125,96 +124,4 @@ async fn the_share_of_an_owner_in_the_queue_is_bounded() {
     store.claim().await.unwrap().unwrap();
     store.claim().await.unwrap().unwrap();
     store.retry(first.id, None).await.unwrap();
-}
-
-#[tokio::test]
-async fn what_waits_keeps_its_order_when_owners_come() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 10).await;
-    let mut ids = Vec::new();
-    for (turn, owner, state) in [
-        (5, "a", "queued"),
-        (4, "a", "running"),
-        (7, "a", "queued"),
-        (6, "b", "queued"),
-        (3, "b", "succeeded"),
-    ] {
-        let id = JobId::new();
-        sqlx::query(
-            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-                 engine, owner, turn)
-             values (?, ?, '{}', 0, 1, 3, 3, 0, 0, '{}', ?, ?)",
-        )
-        .bind(id.to_string())
-        .bind(state)
-        .bind(owner)
-        .bind(turn)
-        .execute(&mut old)
-        .await
-        .unwrap();
-        sqlx::query("insert into job_requests (job, body) values (last_insert_rowid(), '{}')")
-            .execute(&mut old)
-            .await
-            .unwrap();
-        ids.push(id);
-    }
-    sqlx::query("insert into queue_times (priority, turn) values (0, 4)").execute(&mut old).await.unwrap();
-    sqlx::query("insert into queue_flows (flow, priority, last_turn) values (0, 0, 7)")
-        .execute(&mut old)
-        .await
-        .unwrap();
-    old.close().await.unwrap();
-    let store = open_file(&folder).await;
-    assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 2, running: 1, stored_bytes: 0 });
-    assert_eq!(store.usage_of("b").await.unwrap(), Usage { queued: 1, running: 0, stored_bytes: 0 });
-    let late = submit_as(&store, "a", json!({})).await.unwrap().id;
-    let mut started = Vec::new();
-    while let Some(claimed) = store.claim().await.unwrap() {
-        started.push(claimed.lease.id);
-    }
-    assert_eq!(started, [ids[0], ids[3], ids[2], late]);
-}
-
-#[tokio::test]
-async fn jobs_and_studies_of_before_owners_belong_to_their_keys() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 9).await;
-    let (study, gone) = (StudyId::new(), StudyId::new());
-    for (id, jobs) in [(study, 1), (gone, 0)] {
-        sqlx::query(
-            "insert into studies (id, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
-                 created_at, updated_at)
-             values (?, '{}', 1, '[]', '[]', 1, 1, '{}', ?, 0, 0)",
-        )
-        .bind(id.to_string())
-        .bind(jobs)
-        .execute(&mut old)
-        .await
-        .unwrap();
-    }
-    let mut ids = Vec::new();
-    for (owner, study) in [("lab", Some(1)), ("", None)] {
-        let id = JobId::new();
-        sqlx::query(
-            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-                 engine, owner, study, point, replicate)
-             values (?1, 'queued', '{}', 0, 1, 3, 3, 0, 0, '{}', ?2, ?3, ?3 - 1, ?3 - 1)",
-        )
-        .bind(id.to_string())
-        .bind(owner)
-        .bind(study)
-        .execute(&mut old)
-        .await
-        .unwrap();
-        ids.push(id);
-    }
-    old.close().await.unwrap();
-    let store = open_file(&folder).await;
-    let holder = |owner: &str| Some(Holder { owner: owner.into(), shared: false });
-    assert_eq!(store.holder_of_job(ids[0]).await.unwrap(), holder("lab"));
-    assert_eq!(store.holder_of_job(ids[1]).await.unwrap(), holder(""));
-    assert_eq!(store.holder_of_study(study).await.unwrap(), holder("lab"));
-    assert_eq!(store.holder_of_study(gone).await.unwrap(), holder(""));
-    assert_eq!(store.get(ids[0]).await.unwrap().unwrap().submitted_by, "lab");
-    assert_eq!(store.study(study).await.unwrap().unwrap().submitted_by, "lab");
 }

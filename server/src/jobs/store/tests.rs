@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::json;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, SqliteConnection};
+#[cfg(feature = "postgres")]
+use sqlx::Connection as _;
 use tempfile::TempDir;
 
 use super::db::query;
@@ -58,15 +58,6 @@ pub(super) async fn database(folder: &TempDir) -> Database {
 #[cfg(not(feature = "postgres"))]
 async fn database(folder: &TempDir) -> Database {
     std::future::ready(file_of(folder)).await
-}
-
-/// A file of SQLite as an older version made it.
-pub(super) async fn file_of_version(folder: &TempDir, version: i64) -> SqliteConnection {
-    let options =
-        SqliteConnectOptions::new().filename(folder.path().join("packstone.sqlite")).create_if_missing(true);
-    let mut connection = SqliteConnection::connect_with(&options).await.unwrap();
-    migrations::migrations_to(version).run(&mut connection).await.unwrap();
-    connection
 }
 
 /// Opens that file as this version does.
@@ -578,56 +569,6 @@ async fn a_store_that_can_be_written_says_so_and_stays_as_it_is() {
 }
 
 #[tokio::test]
-async fn stored_problem_documents_become_failures() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 4).await;
-    let documents = [
-        r#"{"type":"/problems/packing-not-reached","title":"x","status":422,"detail":"stopped","grains":7,
-            "scale_reached":0.1000000000000000055,"proven":true}"#,
-        r#"{"type":"/problems/validation-error","title":"x","status":422,"detail":"/mix: 9 is too much",
-            "errors":[{"pointer":"/mix","detail":"9 is too much"}]}"#,
-    ];
-    let ids = [JobId::new(), JobId::new()];
-    for (id, document) in ids.iter().zip(documents) {
-        sqlx::query(
-            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-                 engine, error) values (?1, 'failed', '{}', 0, 1, 3, 3, 0, 0, '{}', ?2)",
-        )
-        .bind(id.to_string())
-        .bind(document)
-        .execute(&mut old)
-        .await
-        .unwrap();
-    }
-    sqlx::query(
-        "insert into exports (id, job, key, type, options, kept, quick, rank, state, error, created_at, updated_at, used_at)
-         values (?1, 1, 'k', 'mesh', '{\"type\":\"mesh\"}', 1, 0, 0, 'failed', ?2, 0, 0, 0)",
-    )
-    .bind(ExportId::new().to_string())
-    .bind(documents[1])
-    .execute(&mut old)
-    .await
-    .unwrap();
-    old.close().await.unwrap();
-
-    let store = open_file(&folder).await;
-    let error = |id| {
-        let store = &store;
-        async move { store.get(id).await.unwrap().unwrap().error.unwrap() }
-    };
-    let reached = error(ids[0]).await;
-    assert_eq!((reached.code, reached.detail.as_str()), (FailureCode::TargetNotReached, "stopped"));
-    assert_eq!((reached.facts.grains, reached.facts.saturation_proven), (Some(7), Some(true)));
-    assert_eq!(reached.facts.scale_reached, Some(0.1));
-    let text: String = query("select error from jobs where seq = 1").scalar(store.readers()).await.unwrap();
-    assert!(text.contains("0.1000000000000000055"), "a number keeps its text: {text}");
-    let invalid = error(ids[1]).await;
-    assert_eq!(invalid, Failure::invalid(vec![packstone_engine::FieldError::new("/mix", "9 is too much")]));
-    let text: String = query("select error from exports").scalar(store.readers()).await.unwrap();
-    assert_eq!(serde_json::from_str::<Failure>(&text).unwrap(), invalid);
-}
-
-#[tokio::test]
 async fn threads_are_kept_beside_the_request() {
     let (_folder, store) = fresh().await;
     for threads in [json!(null), json!(3)] {
@@ -637,25 +578,4 @@ async fn threads_are_kept_beside_the_request() {
         assert_eq!((claimed.job.threads, claimed.job.most_threads), (job.threads, 1));
         assert!(!claimed.request.contains("threads"), "{}", claimed.request);
     }
-}
-
-#[tokio::test]
-async fn jobs_of_before_threads_have_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 19).await;
-    let id = JobId::new();
-    sqlx::query(
-        "insert into jobs (seq, id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-             engine)
-         values (1, ?, 'queued', '{}', 0, 1, 3, 3, 0, 0, '{}')",
-    )
-    .bind(id.to_string())
-    .execute(&mut old)
-    .await
-    .unwrap();
-    sqlx::query("insert into job_requests (job, body) values (1, '{}')").execute(&mut old).await.unwrap();
-    old.close().await.unwrap();
-    let store = open_file(&folder).await;
-    let claimed = store.claim().await.unwrap().unwrap();
-    assert_eq!((claimed.job.id, claimed.job.threads, claimed.job.most_threads), (id, None, 1));
 }

@@ -7,13 +7,11 @@ use std::collections::BTreeSet;
 use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::{Value, json};
-use sqlx::Connection as _;
 
-use super::tests::{file_of_version, fresh, open_file, submit, succeed};
+use super::tests::{fresh, submit, succeed};
 use super::*;
 use crate::accounts::Submitter;
 use crate::failure::{Failure, FailureCode};
-use crate::jobs::request::{Change, JobPatch};
 use crate::studies::{Facts, Study};
 
 const URL: &str = "http://hooks.example/in?token=t";
@@ -221,42 +219,4 @@ async fn one_message_of_each_host_is_due_the_oldest_first() {
         let found = store.next_delivery(&["dead.example".into()], sent_before).await.unwrap();
         assert_eq!(found, next, "{sent_before}");
     }
-}
-
-#[tokio::test]
-async fn messages_of_before_go_where_they_were_to_go() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 17).await;
-    let id = JobId::new();
-    sqlx::query(
-        "insert into jobs (seq, id, state, labels, priority, seed, max_attempts, attempt_budget, created_at,
-             updated_at, engine)
-         values (1, ?, 'cancelled', '{}', 0, 1, 3, 3, 0, 0, '{}')",
-    )
-    .bind(id.to_string())
-    .execute(&mut old)
-    .await
-    .unwrap();
-    sqlx::query("insert into webhooks (seq, job, url, host) values (1, 1, ?, 'hooks.example')")
-        .bind(URL)
-        .execute(&mut old)
-        .await
-        .unwrap();
-    sqlx::query(
-        "insert into webhook_deliveries (webhook, id, body, host, state, next_at, created_at)
-         values (1, 'msg_1', '{}', 'hooks.example', 'waiting', 0, 0)",
-    )
-    .execute(&mut old)
-    .await
-    .unwrap();
-    old.close().await.unwrap();
-    let store = open_file(&folder).await;
-    let (delivery, _) = only_due(&store).await;
-    assert_eq!((delivery.id.as_str(), delivery.url.as_str()), ("msg_1", URL));
-    assert_eq!(store.webhook_of_job(1).await.unwrap().unwrap().url, URL);
-    let removed = JobPatch { webhook_url: Change::Remove, ..JobPatch::default() };
-    store.patch(id, removed).await.unwrap();
-    assert_eq!(store.webhook_of_job(1).await.unwrap(), None);
-    let (still, _) = only_due(&store).await;
-    assert_eq!((still.seq, still.url.as_str()), (delivery.seq, URL), "what is recorded stays");
 }

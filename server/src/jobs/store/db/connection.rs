@@ -217,10 +217,10 @@ impl Connection {
     ///
     /// # Errors
     /// The database's.
-    #[cfg(feature = "postgres")]
     pub(in super::super) async fn close(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(connection) => connection.close().await,
+            #[cfg(feature = "postgres")]
             Self::Postgres(connection) => connection.close().await,
         }
     }

@@ -18,5 +18,5 @@ pub(super) use bind::Value;
 pub(super) use builder::QueryBuilder;
 pub(super) use connection::{Connection, Durability, Options, Readers, Via, WAIT};
 pub(super) use row::Row;
-pub(super) use statement::{Source, either, query};
+pub(super) use statement::{Source, Text, either, query};
 pub(super) use transaction::Transaction;

@@ -14,6 +14,19 @@ pub(in super::super) enum Transaction<'c> {
 }
 
 impl Transaction<'_> {
+    /// Runs a text of several statements, which has no parameters.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn run_script(&mut self, text: &'static str) -> Result<(), sqlx::Error> {
+        let script = sqlx::raw_sql(text);
+        match self {
+            Self::Sqlite(tx) => script.execute(&mut **tx).await.map(drop),
+            #[cfg(feature = "postgres")]
+            Self::Postgres(tx) => script.execute(&mut **tx).await.map(drop),
+        }
+    }
+
     /// Makes its changes last.
     ///
     /// # Errors

@@ -5,11 +5,8 @@
 
 use packstone_engine::export::ExportRequest;
 use serde_json::json;
-use sqlx::Connection as _;
 
-use super::super::tests::{
-    LIMITS, artifact, file_of_version, fresh, fresh_file, open, open_file, plan_of, progress, submit,
-};
+use super::super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Retention, Store, StoreError};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -293,30 +290,4 @@ async fn what_waits_and_what_is_kept_is_bounded() {
         assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:?}");
     }
-}
-
-#[tokio::test]
-async fn a_file_of_the_second_version_is_brought_up_to_date() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut old = file_of_version(&folder, 2).await;
-    let id = JobId::new();
-    for statement in [
-        "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-             engine) values (?1, 'succeeded', '{}', 0, 1, 3, 3, 0, 0, '{}')",
-        "insert into job_requests (job, body) values (1, iif(?1 is null, '', '{}'))",
-        "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths)
-         values (1, 1, ?1, 1, 'ab', '{}', 1, '{}')",
-    ] {
-        sqlx::query(statement).bind(id.to_string()).execute(&mut old).await.unwrap();
-    }
-    old.close().await.unwrap();
-
-    let store = open_file(&folder).await;
-    assert_eq!(store.recover_exports().await.unwrap(), 0);
-    let (requested, created) = request(&store, id, cut(1.0), Retention::Kept).await;
-    assert!(created && requested.job == id);
-    assert_eq!(make(&store, "cut", 1).await.state, ExportState::Succeeded);
-    let mut files = store.delete(id).await.unwrap();
-    files.sort();
-    assert_eq!(files, [id.to_string(), "cut".to_owned()]);
 }

@@ -6,13 +6,9 @@ use std::collections::BTreeMap;
 
 use packstone_engine::Limits;
 use serde_json::{Value, json};
-use sqlx::Connection as _;
-use tempfile::TempDir;
 
 use super::super::db::{self, QueryBuilder};
-use super::super::tests::{
-    LIMITS, artifact, file_of_version, fresh, fresh_file, open, open_file, plan_of, progress, submit,
-};
+use super::super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Filter, ForecastWork, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
 use crate::accounts::Submitter;
@@ -445,55 +441,4 @@ async fn listings_are_filtered_and_use_their_indexes() {
 fn assert_indexed(plan: &[String]) {
     let indexed = |step: &String| !step.starts_with("SCAN") && !step.contains("TEMP B-TREE");
     assert!(plan.iter().all(indexed), "{plan:?}");
-}
-
-/// A file as the first version made it, with jobs in every state.
-async fn old_file(folder: &TempDir) -> Vec<String> {
-    let mut file = file_of_version(folder, 1).await;
-    let mut ids = Vec::new();
-    for (i, state) in ["queued", "running", "succeeded", "failed", "cancelled", "queued"].iter().enumerate() {
-        let id = crate::ids::JobId::new().to_string();
-        sqlx::query(
-            "insert into jobs (id, state, labels, priority, seed, max_attempts, attempt_budget, created_at, updated_at,
-                 engine, lease_expires_at)
-             values (?1, ?2, '{}', ?3, 1, 3, 3, 0, 0, '{}', iif(?2 = 'running', 0, null))",
-        )
-        .bind(&id)
-        .bind(*state)
-        .bind(i64::from(i == 5))
-        .execute(&mut file)
-        .await
-        .unwrap();
-        sqlx::query("insert into job_requests (job, body) values (last_insert_rowid(), '{}')")
-            .execute(&mut file)
-            .await
-            .unwrap();
-        ids.push(id);
-    }
-    file.close().await.unwrap();
-    ids
-}
-
-#[tokio::test]
-async fn a_file_of_the_first_version_is_brought_up_to_date() {
-    let folder = tempfile::tempdir().unwrap();
-    let ids = old_file(&folder).await;
-    let store = open_file(&folder).await;
-    assert_eq!(store.recover(Vec::new()).await.unwrap(), 1);
-    let counts = store.counts().await.unwrap();
-    assert_eq!((counts[&State::Queued], counts[&State::Succeeded]), (3, 1));
-    let jobs = store.list(&Filter::default(), None, 10).await.unwrap().jobs;
-    assert!(jobs.len() == 6 && jobs.iter().all(|job| job.study.is_none()));
-    // What waited is still in its order, and comes before what is submitted now.
-    let late = submit(&store, json!({})).await.id.to_string();
-    let study = take_in(&store, &two_points(1, &json!({}))).await;
-    let mut started = Vec::new();
-    while let Some(claimed) = store.claim().await.unwrap() {
-        let lease = claimed.lease;
-        started.push(lease.study.map_or(lease.id.to_string(), |study| study.to_string()));
-    }
-    let place = |id: &str| started.iter().position(|started| started == id).unwrap();
-    assert_eq!(place(&ids[5]), 0, "the highest priority");
-    assert!(place(&ids[0]) < place(&late), "{started:?}");
-    assert!(place(&study.id.to_string()) < place(&late), "a study does not wait for all that waits");
 }

@@ -10,8 +10,9 @@
 //! the database ([`digest`]). That of the source is taken of what is read there, that of the destination of what is
 //! read back; they are compared before the commit.
 //!
-//! Names, columns, types and keys of the tables come from PostgreSQL's own catalogue ([`schema`]): a table that a later
-//! migration adds is moved without a change here.
+//! Names, columns, types and keys of the tables come from PostgreSQL's own catalogue ([`schema`]): a table that is
+//! added later is moved without a change here. The identity of the database moves with the rows: the files of results
+//! stay where they are, and belong to the destination from then on.
 
 mod digest;
 mod rows;
@@ -21,6 +22,7 @@ mod side;
 mod tests;
 
 use super::clock::Clock;
+use super::database::Opened;
 use super::db::{Durability, Transaction};
 use super::{Database, StoreError};
 use crate::hex;
@@ -148,8 +150,8 @@ impl Transfer {
         force: bool,
         mut progress: impl FnMut(Progress),
     ) -> Result<Vec<Moved>, TransferError> {
-        let (mut source, options) = self.from.open().await?;
-        let (mut destination, _) = self.to.open().await?;
+        let Opened { connection: mut source, options, .. } = self.from.open().await?;
+        let Opened { connection: mut destination, .. } = self.to.open().await?;
         if !force {
             side::refuse_others(&mut source, &self.from).await?;
             side::refuse_others(&mut destination, &self.to).await?;

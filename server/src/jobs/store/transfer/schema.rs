@@ -5,12 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::TransferError;
 use crate::jobs::store::db::{Row, Transaction, Value, query};
 
-/// Columns in their order, without those that the database computes. The tables of migrations belong to sqlx.
+/// Columns in their order, without those that the database computes.
 const COLUMNS: &str = "
     select c.table_name::text, c.column_name::text, c.data_type::text
     from information_schema.columns c join information_schema.tables t using (table_schema, table_name)
     where table_schema = current_schema() and t.table_type = 'BASE TABLE' and c.is_generated = 'NEVER'
-        and table_name not like '\\_sqlx%'
     order by c.table_name, c.ordinal_position";
 /// Columns of the primary keys in their order.
 const KEYS: &str = "
@@ -32,8 +31,7 @@ const NUMBERED: &str = "
 /// The columns of SQLite, without those that it computes.
 const COLUMNS_OF_SQLITE: &str = "
     select m.name, x.name from sqlite_schema m join pragma_table_xinfo(m.name) x
-    where m.type = 'table' and x.hidden = 0 and m.name not like 'sqlite\\_%' escape '\\'
-        and m.name not like '\\_sqlx%' escape '\\'";
+    where m.type = 'table' and x.hidden = 0 and m.name not like 'sqlite\\_%' escape '\\'";
 
 /// A table.
 #[derive(Clone, Debug, PartialEq, Eq)]

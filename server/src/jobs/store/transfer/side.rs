@@ -9,8 +9,8 @@ use super::schema::{Table, quoted};
 use crate::jobs::store::Database;
 use crate::jobs::store::db::{Connection, QueryBuilder, Transaction, query};
 
-/// Tables that have rows from the start: sums for each state or kind.
-const SEEDED: [&str; 3] = ["export_counts", "job_counts", "stored_bytes"];
+/// Tables that have rows from the start: sums for each state or kind, and the identity of the database.
+const SEEDED: [&str; 4] = ["export_counts", "job_counts", "packstone", "stored_bytes"];
 /// The connections of a server that has ended are gone so long after it.
 const GONE_WITHIN: Duration = Duration::from_secs(3);
 /// Time between two looks at them.

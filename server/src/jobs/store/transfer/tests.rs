@@ -67,8 +67,7 @@ async fn contents(path: &Path) -> BTreeMap<String, Vec<String>> {
             .await
             .unwrap();
     contents.insert("schema".to_owned(), schema);
-    let tables =
-        "select name from sqlite_schema where type = 'table' and name not like '\\_sqlx%' escape '\\'";
+    let tables = "select name from sqlite_schema where type = 'table'";
     for table in sqlx::query_scalar::<_, String>(tables).fetch_all(&mut connection).await.unwrap() {
         let columns: Vec<String> = sqlx::query_scalar("select name from pragma_table_xinfo(?)")
             .bind(&table)

@@ -1,5 +1,5 @@
--- The tables of Packstone in PostgreSQL 15 or later. Migrations 0001 to 0018 of SQLite lead to the same tables,
--- columns, keys, indices and triggers, under the same names.
+-- The tables of Packstone in PostgreSQL 15 or later: one text, made at once in an empty database. `sqlite.sql` has the
+-- same tables, columns, keys, indices and triggers, under the same names, and says when they change.
 --
 -- Times are microseconds since the Unix epoch. Text is compared by its bytes (collation "C"), as in SQLite. Documents
 -- are JSON that the program writes and reads as text: their numbers keep the digits that they were written with.
@@ -15,6 +15,17 @@
 create function json_each(list text, out value text) returns setof text
 language sql immutable strict
 return jsonb_array_elements_text(list::jsonb);
+
+-- The database itself: one row.
+create table packstone (
+    -- Identity: random, made with the tables. A backup has the same one, and `packstone migrate-store` copies it.
+    id         text collate "C" primary key,
+    -- Counts the changes of these tables. A program refuses a database whose number it does not know.
+    schema     bigint           not null,
+    -- Version of Packstone that made the tables.
+    version    text collate "C" not null,
+    created_at bigint           not null
+);
 
 -- Studies: many jobs from one request.
 
@@ -49,9 +60,9 @@ create table studies (
     finished_at  bigint,
     updated_at   bigint           not null,
     expires_at   bigint,
-    -- Name of the API key that submitted it; empty where the server asked for none.
+    -- Name of the API key that submitted it; empty where the server required none.
     submitted_by text collate "C" not null default '',
-    -- Whose it is; several keys may have one owner. Empty where the server asked for no key.
+    -- Owner; several keys may have one owner. Empty where the server required no key.
     owner        text collate "C" not null default '',
     -- Others can read it; the jobs of a shared study are shared too.
     shared       boolean          not null default false
@@ -98,7 +109,7 @@ create table study_runs (
     primary key (study, point, replicate)
 );
 
--- A key belongs to whoever used it and lives as long as its study.
+-- A key belongs to the owner that used it and lives as long as its study.
 create table study_keys (
     scope       text collate "C" not null,
     key         text collate "C" not null,
@@ -109,7 +120,7 @@ create table study_keys (
 
 create index study_keys_by_study on study_keys (study);
 
--- Jobs, what they ask for, and what they made.
+-- Jobs, with their requests and results.
 create table jobs (
     -- The order of acceptance: it pages listings and breaks ties of priority. No number is used twice, so that a cursor
     -- of a listing never meets another job in place of one that was deleted.
@@ -151,14 +162,14 @@ create table jobs (
     not_before       bigint,
     -- Faults of the machine since the last run that met none; the pause grows with them.
     faults           bigint           not null default 0,
-    -- Whose it is; several keys may have one owner. Empty where the server asked for no key.
+    -- Owner; several keys may have one owner. Empty where the server required no key.
     owner            text collate "C" not null default '',
     -- The method that the request names, or 'auto', so that a listing can filter by it without reading requests.
     method           text collate "C",
     -- What the plan of the request warns of, as a JSON list of sentences. A finished job shows the warnings of its
     -- result instead.
     warnings         text collate "C" not null default '[]',
-    -- Name of the API key that submitted it; empty where the server asked for none.
+    -- Name of the API key that submitted it; empty where the server required none.
     submitted_by     text collate "C" not null default '',
     -- Others can read it.
     shared           boolean          not null default false,
@@ -172,11 +183,15 @@ create table jobs (
     -- forecasts.rs).
     forecast_us      bigint           not null default 60000000,
     -- The least time that a worker must have left to be given the job, in microseconds (see forecasts.rs).
-    least_time_us    bigint           not null default 0
+    least_time_us    bigint           not null default 0,
+    -- Most threads that may compute the packing, as the request has it.
+    threads          bigint,
+    -- Most threads that the packing has work for, by its plan at submission.
+    most_threads     bigint           not null default 1
 );
 
 create index jobs_by_state on jobs (state, seq);
--- The next job of an owner is the first entry of the owner in this index.
+-- The next job of an owner is the first record of the owner in this index.
 create index jobs_queue on jobs (owner, priority desc, turn, seq) where state = 'queued';
 create index jobs_leases on jobs (lease_expires_at) where state = 'running';
 create index jobs_expiry on jobs (expires_at) where expires_at is not null;
@@ -212,7 +227,7 @@ create table job_labels (
 create index job_labels_by_state on job_labels (key, value, state, job);
 create index job_labels_by_job on job_labels (job);
 
--- A key belongs to whoever used it and lives as long as its job.
+-- A key belongs to the owner that used it and lives as long as its job.
 create table idempotency_keys (
     scope       text collate "C" not null,
     key         text collate "C" not null,
@@ -223,7 +238,7 @@ create table idempotency_keys (
 
 create index idempotency_keys_by_job on idempotency_keys (job);
 
--- How many jobs are in each state: the bound of the queue and the metrics ask for it all the time.
+-- How many jobs are in each state: the bound of the queue and the metrics read it all the time.
 create table job_counts (
     state       text collate "C" primary key,
     jobs        bigint           not null,
@@ -278,60 +293,63 @@ create table artifacts (
     owner           text collate "C" not null default ''
 );
 
--- Exports: what is made of finished packings: meshes, voxels, cuts, lattice models. One row for everything that was
--- asked of a job's result, by whichever way; its file lies in the folder of artifacts.
+-- Exports of finished packings: meshes, voxels, slices, lattice models. One row for each export of a job's result that
+-- was requested; its file lies in the folder of artifacts.
 create table exports (
-    seq         bigint           generated by default as identity primary key,
-    id          text collate "C" not null unique,
-    job         bigint           not null references jobs (seq) on delete cascade,
+    seq              bigint           generated by default as identity primary key,
+    id               text collate "C" not null unique,
+    job              bigint           not null references jobs (seq) on delete cascade,
     -- Names result, options and revision, so that the same thing is made once.
-    key         text collate "C" not null,
-    type        text collate "C" not null,
-    options     text collate "C" not null,
-    -- Stays with its job. What is not kept is a cache: it may be removed, and is made again when it is asked for.
-    kept        boolean          not null,
-    -- Made in a moment: need not wait behind what takes long.
-    quick       boolean          not null,
-    -- 0 where a client has asked, 1 where a job did beforehand: nobody waits for that.
-    rank        bigint           not null,
-    state       text collate "C" not null check (state in ('queued', 'running', 'succeeded', 'failed')),
-    attempt     bigint           not null default 1,
+    key              text collate "C" not null,
+    type             text collate "C" not null,
+    options          text collate "C" not null,
+    -- Stays with its job. An export that is not kept is a cache: it may be removed, and is made again on request.
+    kept             boolean          not null,
+    -- Made in a moment: need not wait behind long ones.
+    quick            boolean          not null,
+    -- 0 where a client requested it, 1 where the request of the job did: no client waits for that.
+    rank             bigint           not null,
+    state            text collate "C" not null check (state in ('queued', 'running', 'succeeded', 'failed')),
+    attempt          bigint           not null default 1,
     -- Counts the changes a client can see; the ETag.
-    version     bigint           not null default 1,
-    progress    text collate "C",
+    version          bigint           not null default 1,
+    progress         text collate "C",
     -- Relative to the folder of artifacts; empty while there is no file.
-    path        text collate "C" unique,
-    bytes       bigint,
-    sha256      text collate "C",
-    report      text collate "C",
+    path             text collate "C" unique,
+    bytes            bigint,
+    sha256           text collate "C",
+    report           text collate "C",
     -- Why it was not made: code, detail, faulty fields.
-    error       text collate "C",
-    created_at  bigint           not null,
-    started_at  bigint,
-    finished_at bigint,
-    updated_at  bigint           not null,
-    -- When a client last asked for it.
-    used_at     bigint           not null,
+    error            text collate "C",
+    created_at       bigint           not null,
+    started_at       bigint,
+    finished_at      bigint,
+    updated_at       bigint           not null,
+    -- When a client last requested it.
+    used_at          bigint           not null,
     -- An export that met a fault of the machine starts no sooner than this.
-    not_before  bigint,
+    not_before       bigint,
     -- Faults of the machine since the last run that met none; the pause grows with them.
-    faults      bigint           not null default 0,
+    faults           bigint           not null default 0,
     -- The owner of the job: the row may be deleted after that of its job.
-    owner       text collate "C" not null default '',
+    owner            text collate "C" not null default '',
     -- Until when the attempt that runs has it, unless it renews.
-    lease_expires_at bigint
+    lease_expires_at bigint,
+    -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
+    -- the same number.
+    max_attempts     bigint           not null default 3
 );
 
 create unique index exports_by_key on exports (job, key);
 create index exports_by_job on exports (job, seq);
--- The next export to make is the first entry of this index.
+-- The next export to make is the first record of this index.
 create index exports_queue on exports (rank, seq) where state = 'queued';
 create index exports_quick on exports (rank, seq) where state = 'queued' and quick;
 create index exports_running on exports (seq) where state = 'running';
 create index exports_leases on exports (lease_expires_at) where state = 'running';
 create index exports_cache on exports (used_at) where not kept and path is not null;
 
--- How many exports are in each state, and what the cache holds: bounds and metrics ask for it all the time.
+-- How many exports are in each state, and what the cache holds: bounds and metrics read it all the time.
 create table export_counts (
     state       text collate "C" primary key,
     exports     bigint           not null,
@@ -346,7 +364,7 @@ create table removals (
     path text collate "C" primary key
 );
 
--- Bytes of files by owner and by what they are: quotas and metrics ask for it at every submission.
+-- Bytes of files by owner and by what they are: quotas and metrics read it at every submission.
 create table stored_bytes (
     owner text collate "C" not null,
     kind  text collate "C" not null check (kind in ('results', 'exports', 'cache')),
@@ -390,7 +408,7 @@ create table webhook_deliveries (
     url          text collate "C" not null default ''
 );
 
--- The next message of a host is the first entry of the host in this index.
+-- The next message of a host is the first record of the host in this index.
 create index webhook_deliveries_waiting on webhook_deliveries (host, sent_before, next_at, seq)
     where state = 'waiting';
 create index webhook_deliveries_by_webhook on webhook_deliveries (webhook, seq);
@@ -461,22 +479,10 @@ begin
 end
 $$;
 
+-- A job without labels has none to look for.
 create trigger job_labels_follow_state after update of state on jobs for each row
-when (new.state <> old.state)
+when (new.state <> old.state and new.labels <> '{}')
 execute function job_labels_follow_state();
-
--- A cast to json is several times faster than one to jsonb for a request with a million diameters. JSON knows U+0000,
--- texts of PostgreSQL do not: a document that contains it anywhere is refused. Here another character stands for it.
-create function job_methods() returns trigger language plpgsql as $$
-begin
-    update jobs set
-        method = coalesce(replace(new.body, '\u0000', '\ufffd')::json #>> '{method,type}', 'auto')
-    where seq = new.job;
-    return null;
-end
-$$;
-
-create trigger job_methods after insert on job_requests for each row execute function job_methods();
 
 create function queue_owners_insert() returns trigger language plpgsql as $$
 begin
@@ -540,8 +546,24 @@ $$;
 create trigger queue_owners_delete after delete on jobs referencing old table as old_jobs
 for each statement execute function queue_owners_delete();
 
+-- A job that starts advances the virtual time of its owner and priority (see turns.rs) by trigger: one statement less
+-- at every start.
+create function queue_starts_update() returns trigger language plpgsql as $$
+begin
+    insert into queue_starts (owner, priority, turn) values (new.owner, new.priority, new.turn)
+    on conflict (owner, priority) do update set turn = greatest(excluded.turn, queue_starts.turn);
+    return null;
+end
+$$;
+
+create trigger queue_starts_update after update of state on jobs for each row
+when (old.state = 'queued' and new.state = 'running') execute function queue_starts_update();
+
 create function study_counts_update() returns trigger language plpgsql as $$
 begin
+    if not exists (select 1 from new_jobs where study is not null) then
+        return null;
+    end if;
     update studies set
         queued = studies.queued + moved.queued,
         running = studies.running + moved.running,
@@ -611,7 +633,7 @@ create trigger study_points_stopped after update of state on jobs for each row
 when (new.study is not null and old.state = 'queued' and new.state = 'cancelled' and not new.cancel_requested)
 execute function study_points_stopped();
 
--- What is tried again has not run.
+-- A job that is retried has not run.
 create function study_runs_retried() returns trigger language plpgsql as $$
 begin
     delete from study_runs where study = new.study and point = new.point and replicate = new.replicate;
@@ -627,8 +649,7 @@ when (new.study is not null and new.state = 'queued' and old.state in ('failed',
 execute function study_runs_retried();
 
 -- The end of a job records its message in the same transaction, whatever statement ends it. The jobs of a study have no
--- webhook. U+0000 in what failed is replaced as in `job_methods`, but not where its escape is itself escaped, since the
--- detail is part of the message.
+-- webhook. PostgreSQL has no texts with U+0000: U+FFFD stands for its escape, unless that is itself escaped.
 create function webhook_of_job() returns trigger language plpgsql as $$
 begin
     insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
