@@ -34,6 +34,7 @@ def main():
     parser.add_argument("--seconds", type=float, default=120, help="time of the attacks, at least 20")
     parser.add_argument("--seed", type=int, help="determines the order of events; drawn and printed by default")
     parser.add_argument("--only", default="", help="names of faults and attacks, with commas; all by default")
+    parser.add_argument("--verbose", action="store_true", help="print each event when it begins")
     parser.add_argument("--keep", action="store_true", help="keep the folder with the data directories and logs")
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -46,7 +47,7 @@ def main():
         from hostile.run import run
 
         names = {name for name in options.only.split(",") if name}
-        sys.exit(run(binary, options.folder, options.seconds, options.seed, names))
+        sys.exit(run(binary, options.folder, options.seconds, options.seed, names, options.verbose))
     sys.exit(supervise(options, binary))
 
 
@@ -57,6 +58,7 @@ def supervise(options, binary):
     folder = Path(tempfile.mkdtemp(prefix="packstone-hostile-"))
     command = [sys.executable, "-B", __file__, "--binary", binary, "--folder", folder, "--seed", str(seed)]
     command += ["--seconds", str(options.seconds), "--only", options.only]
+    command += ["--verbose"] if options.verbose else []
     if has_namespaces():
         command = NAMESPACES + command
     inner = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)

@@ -49,13 +49,13 @@ def _account(rig, clients, deadline):
                 client.order(job)
     all_jobs = [(client, job) for client in clients for job in client.jobs]
     open_jobs = [(client, job) for client, job in all_jobs if job.id and not job.deleted and not job.lost]
-    while open_jobs and time.monotonic() < deadline - 8:
+    while open_jobs and time.monotonic() < deadline - 5:
         # Every job is there, and ends.
         for client, job in open_jobs:
             if job.damaged:
                 client.retry()
             client.document(job)
-            if time.monotonic() > deadline - 7:
+            if time.monotonic() > deadline - 4:
                 break
         open_jobs = [(client, job) for client, job in open_jobs if job.state not in FINAL and not job.lost]
         if open_jobs:
@@ -66,7 +66,7 @@ def _account(rig, clients, deadline):
             lose(rig, job, f"it is {job.state} {time.monotonic() - job.accepted_at:.0f} s after it was accepted")
     for client in clients:
         for job in client.jobs:
-            if job.done and not job.deleted and not job.lost and time.monotonic() < deadline - 6:
+            if job.done and not job.deleted and not job.lost and time.monotonic() < deadline - 3:
                 client.fetch(job, "npy", f"/v1/jobs/{job.id}/result?format=npy")
                 rig.ledger.count("results compared at the end")
     _list_all(rig, clients)
@@ -75,8 +75,8 @@ def _account(rig, clients, deadline):
 
 def _await_ready(rig, deadline):
     """Waits for the service to be ready."""
-    client = rig.client(honest=False)
-    while time.monotonic() < deadline - 10:
+    client, answer = rig.client(honest=False), None
+    while time.monotonic() < deadline - 6:
         answer = client.ask("GET", "/readyz", timeout=5)
         if answer and answer.status == 200:
             return

@@ -6,7 +6,9 @@ import struct
 import threading
 import time
 
-from .ledger import RIGHTS
+from . import bodies
+from .ledger import DOUBLED, RIGHTS
+from .places import is_served
 from .wire import connect, first_answer, send, status_of
 
 JSON = b"Content-Type: application/json\r\n"
@@ -20,15 +22,16 @@ def run(rig, random, until, only):
         for name in names:
             if time.monotonic() > until - 3:
                 return
-            rig.ledger.event(name)
+            rig.ledger.event(rig.name, name)
             source = f"127.{random.randrange(1, 250)}.{random.randrange(1, 250)}.{random.randrange(2, 250)}"
             ATTACKS[name](rig, random, source)
             rig.stopping.wait(random.uniform(0.2, 1.5))
 
 
-def hold(rig, connections, seconds, each=b""):
+def hold(rig, connections, seconds, each=b"", beside=""):
     """Keeps connections open for a time, with these bytes a second on each, and judges what they are answered."""
     end = time.monotonic() + seconds
+    is_served(rig, beside)
     while time.monotonic() < end and not rig.stopping.wait(0.5):
         if each:
             connections = [connection for connection in connections if send(connection, each) or drop(rig, connection)]
@@ -82,13 +85,13 @@ def slow_bodies(rig, random, source):
     length = random.choice([100, 4000, 1 << 20, 16 << 20])
     begin = head(b"POST", target, JSON, b"Sec-Fetch-Site: same-origin\r\n", b"Content-Length: %d\r\n\r\n" % length)
     part = b" " * min(length - 1, random.choice([1, 1000, 200_000]))
-    hold(rig, many(rig, source, 60, begin + part), random.uniform(1, 4), b" ")
+    hold(rig, many(rig, source, 60, begin + part), random.uniform(1, 4), b" ", "slow bodies")
 
 
 def slow_heads(rig, random, source):
     """Heads that never end."""
     begin = head(random.choice([b"GET", b"POST"]), b"/v1/jobs", b"X-Filler: ")
-    hold(rig, many(rig, source, 60, begin), random.uniform(1, 4), b"x" * random.choice([1, 300]))
+    hold(rig, many(rig, source, 60, begin), random.uniform(1, 4), b"x" * random.choice([1, 300]), "slow heads")
 
 
 def chunked_bodies(rig, random, source):
@@ -97,12 +100,12 @@ def chunked_bodies(rig, random, source):
     begin = head(b"POST", target, JSON, b"Sec-Fetch-Site: same-origin\r\n", b"Transfer-Encoding: chunked\r\n\r\n")
     size = random.choice([1, 16_000])
     chunk = b"%x\r\n%s\r\n" % (size, b" " * size)
-    hold(rig, many(rig, source, 60, begin + chunk), random.uniform(1, 4), chunk)
+    hold(rig, many(rig, source, 60, begin + chunk), random.uniform(1, 4), chunk, "chunked bodies")
 
 
 def silent_connections(rig, random, source):
     """As many connections as one address may have, on which nothing is said."""
-    hold(rig, many(rig, source, 512, b""), random.uniform(1, 3))
+    hold(rig, many(rig, source, 512, b""), random.uniform(1, 3), beside="silent connections")
 
 
 def stalled_readers(rig, random, source):
@@ -114,8 +117,47 @@ def stalled_readers(rig, random, source):
         targets += [b"/v1/jobs/%s/result?format=%s" % (name, form) for form in (b"html", b"json", b"npy")]
         targets += [b"/v1/jobs/%s/events" % name, b"/v1/jobs/%s/exports/voxels?format=raw&cells=100" % name]
     key = b"Authorization: Bearer %s\r\n" % rig.keys["carl"][0].encode() if rig.with_keys else b""
-    requests = [head(b"GET", random.choice(targets), key) + b"\r\n" for _ in range(50)]
-    hold(rig, many(rig, source, 50, lambda index: requests[index], receive=2048), random.uniform(2, 5))
+    requests = [head(b"GET", random.choice(targets), key) + b"\r\n" for _ in range(100)]
+    readers = many(rig, source, 100, lambda index: requests[index], receive=2048)
+    hold(rig, readers, random.uniform(2, 5), beside="stalled readers")
+
+
+def waiting_clients(rig, random, source):
+    """Long polls, event streams, and connections that stay idle after a request."""
+    jobs = [job for job in list(rig.jobs.values()) if job.id and not job.deleted]
+    targets = [b"/v1/events", b"/v1/capabilities"]
+    for job in random.sample(jobs, min(5, len(jobs))):
+        targets += [b"/v1/jobs/%s" % job.id.encode(), b"/v1/jobs/%s/events" % job.id.encode()]
+    fields = [b"Prefer: wait=60\r\n"]
+    if rig.with_keys:
+        fields.append(b"Authorization: Bearer %s\r\n" % rig.keys["root"][0].encode())
+    requests = [head(b"GET", random.choice(targets), *fields) + b"\r\n" for _ in range(300)]
+    waiting = many(rig, source, 300, lambda index: requests[index])
+    hold(rig, waiting, random.uniform(1, 3), beside="clients that wait")
+
+
+def same_order_at_once(rig, random, source):
+    """One order that is sent by many clients at the same moment makes one job."""
+    key = f"race-{rig.name}-{random.randrange(1 << 40)}"
+    job = bodies.body("quick", 1, key)
+    client, made = rig.client("bert", source), []
+
+    def order():
+        answer = client.ask("POST", "/v1/jobs", job, {"Idempotency-Key": key})
+        if answer and answer.status in (200, 201):
+            made.append(answer.json()["id"])
+
+    with rig.submitting_one():
+        threads = [threading.Thread(target=order, daemon=True) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    if len(set(made)) > 1:
+        rig.ledger.broke(DOUBLED, rig.name, f"one order made {set(made)}", f"Idempotency-Key {key}")
+    for identity in set(made):
+        client.ask("POST", f"/v1/jobs/{identity}/cancel")
+        client.ask("DELETE", f"/v1/jobs/{identity}")
 
 
 def malformed(rig, random, source):
@@ -314,5 +356,6 @@ ATTACKS = {
     for attack in (
         slow_bodies, slow_heads, chunked_bodies, silent_connections, stalled_readers, malformed, hostile_json,
         cross_site, wrong_keys, absolute_targets, plans_at_once, resets, rare_fields,
+        waiting_clients, same_order_at_once,
     )
 }

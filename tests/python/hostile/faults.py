@@ -1,31 +1,28 @@
 """Faults of the machine and of the store, one after the other, and the moment when each is over."""
 
 import os
-import shutil
 import signal
 import time
 
-from . import copies, flips
+from . import copies, flips, liar, places
 from .ledger import RIGHTS
 
 # Ranks of roles: a damaged file of keys may take rights away, and never give any.
 RANKS = {"metrics": 0, "worker": 0, "read": 1, "submit": 2, "admin": 3}
-# A service that finds its store moved or replaced ends by itself within this time.
-MOST_END_S = 20.0
 
 
 def run(rig, random, until, only):
     """Injects each fault once in an order that is drawn, and again."""
     names = [name for name in FAULTS if not only or name in only]
-    names = [name for name in names if rig.with_keys or name not in ("keys_cut", "keys_flipped")]
-    names = [name for name in names if not rig.with_keys or name not in ("blobs_moved", "webhooks_hang")]
+    names = [name for name in names if rig.with_keys or name not in KEYS]
+    names = [name for name in names if not rig.with_keys or name not in ("webhooks_hang",)]
     while names and not rig.stopping.is_set():
         random.shuffle(names)
         for name in names:
             if time.monotonic() > until - 6:
                 return
             rig.stopping.wait(random.uniform(0.5, 2.0))
-            rig.ledger.event(name)
+            rig.ledger.event(rig.name, name)
             with rig.lifecycle:
                 began = time.monotonic()
                 FAULTS[name](rig, random)
@@ -81,136 +78,60 @@ def stop_worker(rig, random):
     rig.worker.send_signal(signal.SIGCONT)
 
 
-def full_disk(rig, random):
-    """No space is left on the disk of the store, for some seconds."""
-    with rig.windows.open("full disk"):
-        if not rig.has_disk:
-            rig.limit_files(4096)
-            rig.stopping.wait(random.uniform(1, 4))
-            rig.limit_files(None)
-            return
-        filler = rig.disk / "filler"
-        end = time.monotonic() + random.uniform(1, 4)
-        try:
-            with filler.open("ab", buffering=0) as out:
-                # What the service gives back meanwhile is taken as well.
-                while time.monotonic() < end and not rig.stopping.is_set():
-                    for size in (1 << 20, 1 << 12, 1):
-                        try:
-                            while out.write(bytes(size)) == size and time.monotonic() < end:
-                                pass
-                        except OSError:
-                            continue
-                    rig.stopping.wait(0.1)
-        finally:
-            filler.unlink()
-
-
-def await_end(rig, seconds):
-    """Waits until the service ends by itself; whether it does. It must, where it has all the time."""
-    end = time.monotonic() + seconds
-    while rig.service.poll() is None:
-        if time.monotonic() > end or rig.stopping.wait(0.05):
-            break
-    else:
-        rig.ledger.count("services that ended because their store was away")
-        return True
-    if seconds == MOST_END_S and not rig.stopping.is_set():
-        rig.broke_other(f"the service did not end within {seconds:g} s after its store was moved or replaced")
-    return False
-
-
-def data_moved(rig, random):
-    """The data directory is moved away and, later, back."""
-    with rig.windows.open("moved"):
-        away = rig.disk / "away"
-        os.rename(rig.data, away)
-        ended = await_end(rig, random.choice([0.5, 2, MOST_END_S]))
-        # What may have been made in its place is none of the store's.
-        shutil.rmtree(rig.data, ignore_errors=True)
-        os.rename(away, rig.data)
-        if not ended:
-            rig.kill()
-        rig.start_or_report("after its store was moved away and back")
-
-
-def database_replaced(rig, random):
-    """The database is replaced by a copy of itself and, later, put back."""
-    with rig.windows.open("replaced"):
-        database, kept = rig.data / "packstone.sqlite", rig.data / "kept"
-        os.link(database, kept)
-        shutil.copy(database, rig.data / "copy")
-        os.replace(rig.data / "copy", database)
-        ended = await_end(rig, random.choice([0.5, 2, MOST_END_S]))
-        if not ended:
-            rig.kill()
-        os.replace(kept, database)
-        rig.start_or_report("after its database was replaced and put back")
-
-
-def database_removed(rig, random):
-    """The name of the database is removed and, later, put back."""
-    with rig.windows.open("removed"):
-        database, kept = rig.data / "packstone.sqlite", rig.disk / "kept"
-        os.rename(database, kept)
-        ended = await_end(rig, random.choice([0.5, 2, MOST_END_S]))
-        if not ended:
-            rig.kill()
-        os.replace(kept, database)
-        rig.start_or_report("after its database was removed and put back")
-
-
-def blobs_moved(rig, random):
-    """The folder of results is moved away and back; sometimes an empty one is in its place meanwhile."""
-    with rig.windows.open("blobs moved"):
-        away, empty = rig.disk / "away", random.random() < 0.5
-        os.rename(rig.blobs, away)
-        if empty:
-            for folder in ("artifacts", "checkpoints"):
-                (rig.blobs / folder).mkdir(parents=True, exist_ok=True)
-        rig.stopping.wait(random.uniform(1, 4))
-        for file in rig.blobs.glob("artifacts/*/*") if rig.blobs.exists() else ():
-            # Results that were written meanwhile go with the folder.
-            flips.job_of_file(rig, file, lambda job: job.damage())
-        shutil.rmtree(rig.blobs, ignore_errors=True)
-        os.rename(away, rig.blobs)
-        if rig.service.poll() is not None:
-            rig.start_or_report("after its blobs were moved away and back")
-
-
 def keys_cut(rig, random):
     """The file of keys ends anywhere, as when it is being written."""
-    _keys_are(rig, rig.keys_text[: random.randrange(len(rig.keys_text))])
+    _keys_are(rig, lambda file: file.write_bytes(rig.keys_text[: random.randrange(len(rig.keys_text))]))
 
 
 def keys_flipped(rig, random):
-    """A bit of the file of keys is another one."""
-    text = bytearray(rig.keys_text)
-    text[random.randrange(len(text))] ^= 1 << random.randrange(7)
-    _keys_are(rig, bytes(text))
+    """A bit of the file of keys is another one, and its time and length stay the same."""
+    _keys_are(rig, lambda file: flips.flip(file, random))
 
 
-def _keys_are(rig, text):
-    """Lets the file of keys be this for a while: no key has more rights than its line said."""
+def keys_strange(rig, random):
+    """In the place of the file of keys is none, or something that cannot be read, or that has no end."""
+    way = random.choice(["removed", "folder", "pipe", "endless", "secret", "mode"])
+
+    def change(file):
+        file.unlink()
+        if way == "folder":
+            file.mkdir()
+        elif way == "pipe":
+            os.mkfifo(file)
+        elif way == "endless":
+            file.symlink_to("/dev/zero")
+        elif way == "secret":
+            file.write_bytes(b"\xff" * 100_000)
+        elif way == "mode":
+            file.write_bytes(b"")
+
+    _keys_are(rig, change)
+    places.is_served(rig, f"a file of keys that was {way}")
+
+
+def _keys_are(rig, change):
+    """Lets the file of keys be something else for a while: no key has more rights than its line said."""
     with rig.no_submissions(), rig.key_windows.open("keys"), rig.windows.open("keys"):
-        before = rig.keys_file.stat()
-        rig.keys_file.write_bytes(text)
-        if len(text) == before.st_size:
-            # Its time and length stay the same, as for a disk that forgets.
-            os.utime(rig.keys_file, ns=(before.st_atime_ns, before.st_mtime_ns))
+        change(rig.keys_file)
         end = time.monotonic() + 2.5
         while time.monotonic() < end and not rig.stopping.is_set():
             for name, (_, role, owner) in rig.keys.items():
-                answer = rig.client(name, honest=False).ask("GET", "/v1/key")
+                answer = rig.client(name, honest=False).ask("GET", "/v1/key", timeout=10)
                 found = answer.json() if answer and answer.status == 200 else None
                 if not found:
                     continue
                 others = {other for _, _, other in rig.keys.values()} - {owner}
                 if RANKS[found["role"]] > RANKS[role] or found["owner"] in others:
-                    rig.ledger.broke(RIGHTS, rig.name, f"{name} is {found['role']} of {found['owner']}", text, answer)
+                    text = rig.keys_file.read_bytes() if rig.keys_file.is_file() else rig.keys_file
+                    what = f"{name} is {found['role']} of {found['owner']}"
+                    rig.ledger.broke(RIGHTS, rig.name, what, text, answer)
             rig.stopping.wait(0.3)
-        rig.keys_file.write_bytes(rig.keys_text)
-        rig.stopping.wait(1.5)
+        whole = rig.folder / "keys.whole"
+        whole.write_bytes(rig.keys_text)
+        if rig.keys_file.is_dir():
+            rig.keys_file.rmdir()
+        whole.replace(rig.keys_file)
+        rig.stopping.wait(2.5)
 
 
 def webhooks_hang(rig, random):
@@ -218,12 +139,15 @@ def webhooks_hang(rig, random):
     rig.receivers.attack(rig, random)
 
 
+KEYS = ("keys_cut", "keys_flipped", "keys_strange", "audit_log_hangs")
 FAULTS = {
     fault.__name__: fault
     for fault in (
-        kill_service, kill_often, restart, kill_worker, stop_service, stop_worker, full_disk, data_moved,
-        database_replaced, database_removed, blobs_moved, keys_cut, keys_flipped, webhooks_hang,
-        flips.result_flipped, flips.export_flipped, flips.checkpoint_flipped, flips.files_removed,
-        copies.copy_with_damaged_database, copies.copy_with_damaged_files,
+        kill_service, kill_often, restart, kill_worker, stop_service, stop_worker, keys_cut, keys_flipped,
+        keys_strange, webhooks_hang, liar.worker_lies, places.full_disk, places.data_moved, places.database_replaced,
+        places.database_removed, places.log_of_database_moved, places.database_locked, places.results_moved,
+        places.second_service, places.audit_log_hangs, places.standard_error_fails, flips.result_flipped,
+        flips.export_flipped, flips.checkpoint_flipped, flips.files_removed, copies.copy_with_damaged_database,
+        copies.copy_with_damaged_files,
     )
 }

@@ -118,6 +118,7 @@ def export_flipped(rig, random):
 
 def checkpoint_flipped(rig, random):
     """A bit of a checkpoint flips, and the service is killed: the job ends with the right packing all the same."""
+    rig.spare_client.tidy()
     rig.spare_client.submit_kind("long")
     folder = rig.data / "checkpoints"
     end = time.monotonic() + 4

@@ -242,7 +242,7 @@ class Honest:
     def delete(self):
         """Deletes a job that has ended; its result is compared once more before."""
         unanswered = [job for job in self.jobs if job.deleted]
-        if not unanswered and len(self.jobs) < MOST_KEPT * 2 // 3:
+        if not unanswered and len(self.jobs) < MOST_KEPT // 2:
             return
         job = unanswered[0] if unanswered else self.one(lambda job: job.id and job.state in FINAL)
         if not job:
@@ -263,6 +263,17 @@ class Honest:
             job.deleted = False
             job.cancelled = job.retried = True
             self.client.ask("POST", f"/v1/jobs/{job.id}/cancel")
+
+    def tidy(self):
+        """Looks for all of the jobs, and deletes some of those that have ended."""
+        for job in list(self.jobs):
+            if job.id and not job.deleted and not job.lost:
+                self.document(job)
+        while len(self.jobs) > MOST_KEPT // 2 and not self.rig.stopping.is_set():
+            before = len(self.jobs)
+            self.delete()
+            if len(self.jobs) == before:
+                return
 
     def look_around(self):
         """What a page of the service asks for."""

@@ -25,8 +25,8 @@ MUST_BE_ZERO = [LOST, DOUBLED, WRONG_BYTES, INTERNAL, NOT_READY, ENDED, RIGHTS, 
 class Ledger:
     """The counts of all services. Every method may be called from any thread."""
 
-    def __init__(self, seed):
-        self.seed = seed
+    def __init__(self, seed, is_verbose):
+        self.seed, self.is_verbose = seed, is_verbose
         self.began = time.monotonic()
         self.lock = threading.Lock()
         self.broken = collections.Counter()
@@ -43,10 +43,12 @@ class Ledger:
         """Prints a line with the time."""
         print(f"{self.now():7.2f} {text}", flush=True)
 
-    def event(self, kind):
+    def event(self, rig, kind):
         """Counts a fault or an attack."""
         with self.lock:
             self.events[kind] += 1
+        if self.is_verbose:
+            self.say(f"{rig}: {kind}")
 
     def count(self, figure, number=1):
         """Adds to a figure of the table."""

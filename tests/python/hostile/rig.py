@@ -44,7 +44,9 @@ class Rig:
         self.service = self.worker = None
         self.keys = {}
         self.options = []
-        self.is_dead = False
+        # One service has little memory; the other one has a bound that protects this machine.
+        self.address_space_kib = (1 if with_keys else 4) << 20
+        self.is_dead, self.workers = False, 0
         if with_keys:
             self._make_keys()
 
@@ -78,20 +80,20 @@ class Rig:
 
     # Processes.
 
-    def start(self, more=()):
+    def start(self, more=(), log=None):
         """Starts the service and waits until it says that it listens; returns whether it does."""
-        command = [self.binary, "serve", "--data-dir", self.data, "--listen", f"127.0.0.1:{self.port}"]
+        command = ["sh", "-c", 'ulimit -v "$0" && exec "$@"', str(self.address_space_kib)]
+        command += [self.binary, "serve", "--data-dir", self.data, "--listen", f"127.0.0.1:{self.port}"]
         command += ["--workers", "1", "--checkpoint-every-s", "0", "--sweep-interval-s", "1", "--lease-s", "5"]
         command += ["--export-cache-bytes", "4000000", *self.options, *more]
         if self.with_keys:
             command += ["--api-keys-file", self.keys_file, "--audit-log", self.folder / "audit"]
         else:
             command += ["--blobs", self.blobs]
-        log = open(self.folder / "serve.log", "ab")
-        with log:
+        with open(self.folder / "serve.log", "ab") as own:
             self.service = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, env=environment(),
-                restore_signals=False,
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=own if log is None else log,
+                env=environment(), restore_signals=False,
             )
         said = self._first_line(self.service)
         if said is None:
@@ -111,9 +113,9 @@ class Rig:
             return None
         return found[0]
 
-    def start_or_report(self, why):
+    def start_or_report(self, why, log=None):
         """Starts the service; that it refuses is a fault. It is then forced to go on, so that what is lost is found."""
-        if self.start():
+        if self.start(log=log):
             return True
         self.broke_other(f"the service does not start ({why})", answer=self.last_log())
         if self.start(["--adopt-orphans"]):
@@ -125,11 +127,12 @@ class Rig:
         self.stopping.set()
         return False
 
-    def start_worker(self):
-        """Starts the worker process."""
-        command = [self.binary, "worker", "--server", f"http://127.0.0.1:{self.port}", "--slots", "1"]
-        command += ["--name", f"{self.name}-worker", "--scratch", self.folder / "worker", "--checkpoint-every-s", "0"]
-        command += ["--send-checkpoints-every-s", "0.5"]
+    def start_worker(self, port=None):
+        """Starts a worker process, under a new name, of the service or of a proxy before it."""
+        self.workers += 1
+        command = [self.binary, "worker", "--server", f"http://127.0.0.1:{port or self.port}", "--slots", "1"]
+        command += ["--name", f"{self.name}-worker-{self.workers}", "--scratch", self.folder / "worker"]
+        command += ["--checkpoint-every-s", "0", "--send-checkpoints-every-s", "0.5"]
         if self.with_keys:
             command += ["--key-file", self.folder / "worker.key"]
         with open(self.folder / "worker.log", "ab") as log:

@@ -14,11 +14,11 @@ from .webhooks import Receivers
 HONEST_CLIENTS = 3
 
 
-def run(binary, folder, seconds, seed, only):
+def run(binary, folder, seconds, seed, only, is_verbose):
     """Attacks for so many seconds; the exit code."""
     _, most_files = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))
-    ledger = Ledger(seed)
+    ledger = Ledger(seed, is_verbose)
     references = References(binary, folder / "references")
     making = threading.Thread(target=references.make, daemon=True)
     making.start()
