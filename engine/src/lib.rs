@@ -59,7 +59,7 @@ pub use memory::OutOfMemory;
 pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
-pub use run::{pack, pack_or_resume};
+pub use run::{VerifyError, pack, pack_or_resume, verify, verify_failure};
 
 /// Version of the engine, recorded in every result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

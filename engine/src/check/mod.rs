@@ -46,12 +46,44 @@ mod table;
 mod walk;
 mod walls;
 
+use std::num::NonZeroUsize;
+
 use crate::control::{Control, Phase, Progress};
 use crate::memory::OutOfMemory;
-use crate::packing::{AggregateReport, CheckReport, ClassReport};
+use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef};
+use crate::request::PackingRequest;
 
 pub use solids::{certify, certify_shapes, check_shapes, check_solids};
 pub use spheres::{check, check_with};
+
+/// Which conditions of a packing are checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// All of them.
+    All,
+    /// All but the gaps between grains: numbers, walls and grading. The time is proportional to the grains and far below
+    /// that of [`Scope::All`]; the smallest gaps of the report stay unknown.
+    WithoutPairs,
+}
+
+/// Checks a packing of any kind of grains against its request, on so many threads. What is found does not depend on the
+/// threads.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_grains<'a>(
+    grains: impl Into<GrainsRef<'a>>,
+    request: &PackingRequest,
+    scope: Scope,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<Check, Fault> {
+    let walk = &walk::Walk { threads, control };
+    match grains.into() {
+        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, scope, walk),
+        GrainsRef::Solids(solids) => solids::judge(solids, request, scope, walk),
+    }
+}
 
 /// What a check found in a valid packing.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,7 +179,7 @@ pub struct SeparationCertificate {
 }
 
 /// What all pairs together have shown.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Pairs {
     min_gap_mm: Option<f64>,
     min_excess_gap_mm: Option<f64>,

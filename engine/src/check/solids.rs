@@ -8,7 +8,7 @@ use super::convex::{Body, Convex};
 use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
 use super::packing::Packing;
 use super::walk::Walk;
-use super::{Check, Fault, SeparationCertificate, body, sieve};
+use super::{Check, Fault, Pairs, Scope, SeparationCertificate, body, sieve};
 use crate::control::Control;
 use crate::elementary::cbrt;
 use crate::memory::{OutOfMemory, collected, reserved};
@@ -27,9 +27,19 @@ pub fn check_solids(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
+    judge(solids, request, Scope::All, &Walk { threads, control })
+}
+
+/// Checks what the scope names.
+pub(super) fn judge(
+    solids: &Solids,
+    request: &PackingRequest,
+    scope: Scope,
+    walk: &Walk<'_>,
+) -> Result<Check, Fault> {
     let shapes = shapes_of(solids)?;
     let grains = (&*shapes, &*solids.poses, &*solids.aggregate);
-    judge_shapes(grains, request, request.mix.size, &Walk { threads, control })
+    judge_shapes(grains, request, request.mix.size, scope, walk)
 }
 
 fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
@@ -55,7 +65,8 @@ pub fn check_shapes(
     size: SizeMeasure,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge_shapes((shapes, poses, &[]), request, size, &Walk { threads: NonZeroUsize::MIN, control })
+    let walk = &Walk { threads: NonZeroUsize::MIN, control };
+    judge_shapes((shapes, poses, &[]), request, size, Scope::All, walk)
 }
 
 /// Checks shapes at their poses with the aggregate of each, none where the mix names none.
@@ -63,6 +74,7 @@ fn judge_shapes(
     (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
     request: &PackingRequest,
     size: SizeMeasure,
+    scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
     let region = (request.distance, request.specimen);
@@ -71,7 +83,7 @@ fn judge_shapes(
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
         let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return check_bodies(&packing, grains, aggregate, request, walk);
+        return check_bodies(&packing, (grains, aggregate), request, scope, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -89,7 +101,8 @@ fn judge_shapes(
         (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => SIEVE_ERROR,
         _ => SIZE_ERROR,
     };
-    check_bodies(&packing, Grains::Bodies { sizes: &sizes, error: &error }, aggregate, request, walk)
+    let grains = Grains::Bodies { sizes: &sizes, error: &error };
+    check_bodies(&packing, (grains, aggregate), request, scope, walk)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -190,13 +203,16 @@ fn bodies<'a>(
 /// Checks the walls, all pairs, and the grading of grains.
 fn check_bodies<B: Convex>(
     packing: &Packing<B>,
-    grains: Grains<'_>,
-    aggregate: &[u16],
+    (grains, aggregate): (Grains<'_>, &[u16]),
     request: &PackingRequest,
+    scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
     let min_wall_gap_mm = packing.check_walls()?;
-    let pairs = packing.check_pairs(walk)?;
+    let pairs = match scope {
+        Scope::All => packing.check_pairs(walk)?,
+        Scope::WithoutPairs => Pairs::default(),
+    };
     let graded = grading::check(grains, aggregate, request).map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
 }

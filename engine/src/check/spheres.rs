@@ -8,7 +8,7 @@ use super::grading::{self, Grains};
 use super::required::Required;
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
-use super::{Check, Fault, Pairs};
+use super::{Check, Fault, Pairs, Scope};
 use crate::control::{Control, Unattended};
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
@@ -34,6 +34,16 @@ pub fn check_with(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
+    judge(spheres, request, Scope::All, &Walk { threads, control })
+}
+
+/// Checks what the scope names.
+pub(super) fn judge(
+    spheres: &Spheres,
+    request: &PackingRequest,
+    scope: Scope,
+    walk: &Walk<'_>,
+) -> Result<Check, Fault> {
     let n = spheres.len();
     if [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm].iter().any(|column| column.len() != n) {
         return Err(Fault::Columns);
@@ -47,7 +57,10 @@ pub fn check_with(
     }
     let required = Required::new(request.distance, request.specimen);
     let min_wall_gap_mm = check_walls(spheres, &required)?;
-    let pairs = check_pairs(spheres, &required, &Walk { threads, control })?;
+    let pairs = match scope {
+        Scope::All => check_pairs(spheres, &required, walk)?,
+        Scope::WithoutPairs => Pairs::default(),
+    };
     let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
         .map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))

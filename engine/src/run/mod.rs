@@ -2,28 +2,33 @@
 
 mod shaped;
 mod spheres;
+mod verify;
+#[cfg(test)]
+mod verify_tests;
 
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use crate::analysis::{separation, shape_report};
-use crate::check::{self, Check};
+use crate::check::{self, Check, Scope};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
-use crate::memory;
+use crate::memory::{self, OutOfMemory};
 use crate::methods::rsa::End;
 use crate::mix::sampling::{Diameters, sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    AggregateReport, ClassReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics,
-    Solids, Statistics, Summary, Timings,
+    CheckReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics,
+    SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, Solid};
+
+pub use verify::{VerifyError, verify, verify_failure};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
@@ -84,50 +89,85 @@ pub fn pack_or_resume(
         Sampled::Solids(solids) => shaped::place(request, &mix, solids, &plan, resume.as_ref(), control)?,
     };
 
-    // What was found to be the largest distance is checked like one that is requested.
-    let mut checked = request.clone();
-    if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (request.distance, placed.distance_mm) {
-        checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
-    }
+    let checked = as_checked(request, placed.distance_mm);
     let checking = Instant::now();
     let check = judged(&placed.grains, &checked, limits.threads, control)?;
-
-    let rule = DistanceRule::new(&checked.distance, &checked.specimen);
-    let mut warnings: Vec<String> = coarse.into_iter().collect();
-    warnings.extend(mix_warnings(request, &mix));
-    if mix.list.is_none() {
-        warnings.extend(deviation::class_warning(&check.classes));
-        warnings.extend(deviation::aggregate_warning(&check.aggregates));
-    }
-    let summary = summary(&mix, &rule, &placed, check.classes, check.aggregates);
-    let segregation = match &request.segregation {
-        Segregation::Gradient { field, .. } => {
-            memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(placed.grains.len()))?;
-            Some(separation(&placed.grains, &request.specimen, &rule, *field, request.seed))
-        }
-        Segregation::None {} => None,
-    };
-    let shapes = placed.grains.solids().and_then(shape_report);
+    let check_s = checking.elapsed().as_secs_f64();
+    let found = (&placed.grains, placed.method_used, check);
+    let figures = Figures::new(request, &checked, &mix, coarse, found)?;
     Ok(Packing {
-        grains: placed.grains,
         report: Report {
-            summary,
+            summary: figures.summary,
             timings_s: Timings {
                 sampling: sampling_s,
                 rsa: placed.rsa_s,
                 edmd: placed.growth_s.filter(|_| placed.statistics.edmd.is_some()),
                 monte_carlo: placed.growth_s.filter(|_| placed.statistics.monte_carlo.is_some()),
-                check: checking.elapsed().as_secs_f64(),
+                check: check_s,
                 total: start.elapsed().as_secs_f64(),
             },
             statistics: placed.statistics,
-            check: check.found,
-            warnings,
+            check: figures.check,
+            warnings: figures.warnings,
             growth_curve: placed.growth_curve,
-            segregation,
-            shapes,
+            segregation: figures.segregation,
+            shapes: figures.shapes,
         },
+        grains: placed.grains,
     })
+}
+
+/// The request by which a packing is checked: what was found to be the largest distance is checked like one that is
+/// requested.
+fn as_checked(request: &PackingRequest, distance_mm: Option<f64>) -> PackingRequest {
+    let mut checked = request.clone();
+    if let (Distance::Maximize { wall_gap_mm }, Some(mm)) = (request.distance, distance_mm) {
+        checked.distance = Distance::Constant { gap_mm: mm, wall_gap_mm };
+    }
+    checked
+}
+
+/// What follows from the grains of a packing and its request: all of a report but times and what a method counted.
+struct Figures {
+    summary: Summary,
+    check: CheckReport,
+    warnings: Vec<String>,
+    segregation: Option<SegregationReport>,
+    shapes: Option<ShapeReport>,
+}
+
+impl Figures {
+    /// Of grains that were drawn with the warning `coarse`, and passed their check by the request `checked`.
+    fn new(
+        request: &PackingRequest,
+        checked: &PackingRequest,
+        mix: &GradedMix,
+        coarse: Option<String>,
+        (grains, method_used, check): (&Grains, MethodUsed, Check),
+    ) -> Result<Self, OutOfMemory> {
+        let rule = DistanceRule::new(&checked.distance, &checked.specimen);
+        let mut warnings: Vec<String> = coarse.into_iter().collect();
+        warnings.extend(mix_warnings(request, mix));
+        if mix.list.is_none() {
+            warnings.extend(deviation::class_warning(&check.classes));
+            warnings.extend(deviation::aggregate_warning(&check.aggregates));
+        }
+        let segregation = match &request.segregation {
+            Segregation::Gradient { field, .. } => {
+                memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(grains.len()))?;
+                Some(separation(grains, &request.specimen, &rule, *field, request.seed))
+            }
+            Segregation::None {} => None,
+        };
+        let found = check.found;
+        Ok(Self {
+            summary: summary(mix, &rule, grains, method_used, check),
+            check: found,
+            warnings,
+            segregation,
+            shapes: grains.solids().and_then(shape_report),
+        })
+    }
 }
 
 /// The grains of a mix before they have positions, from the largest down.
@@ -201,7 +241,7 @@ fn not_inserted(
     diameter_mm: impl Fn(usize) -> f64,
     specimen_mm3: f64,
 ) -> PackError {
-    let fraction = |n: usize| (0..n).map(|i| sphere_volume(diameter_mm(i))).sum::<f64>() / specimen_mm3;
+    let fraction = |n: usize| fraction_of(n, &diameter_mm, specimen_mm3);
     match end {
         End::InsertionFailed { saturation_proven, attempts } => {
             PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
@@ -217,6 +257,11 @@ fn not_inserted(
         End::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
         End::Stopped | End::Complete => stopped(placed, grains),
     }
+}
+
+/// Volume of the first grains over that of the specimen, by the diameters of the spheres of equal volume.
+fn fraction_of(grains: usize, diameter_mm: impl Fn(usize) -> f64, specimen_mm3: f64) -> f64 {
+    (0..grains).map(|i| sphere_volume(diameter_mm(i))).sum::<f64>() / specimen_mm3
 }
 
 fn not_grown(stopped: GrowthStopped) -> PackError {
@@ -243,10 +288,7 @@ fn judged(
     control: &dyn Control,
 ) -> Result<Check, PackError> {
     let share = Part::new(control, PACKING_SHARE, 1.0);
-    let checked = match grains {
-        Grains::Spheres(spheres) => check::check_with(spheres, request, threads, &share),
-        Grains::Solids(solids) => check::check_solids(solids, request, threads, &share),
-    };
+    let checked = check::check_grains(grains, request, Scope::All, threads, &share);
     let number = grains.len() as u64;
     let checked = checked.map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: number, grains: number },
@@ -268,17 +310,17 @@ fn judged(
 fn summary(
     mix: &GradedMix,
     rule: &DistanceRule,
-    placed: &Placed,
-    classes: Vec<ClassReport>,
-    aggregates: Vec<AggregateReport>,
+    grains: &Grains,
+    method_used: MethodUsed,
+    Check { classes, aggregates, .. }: Check,
 ) -> Summary {
-    let grains = GrainsRef::from(&placed.grains);
+    let grains = GrainsRef::from(grains);
     let total = |size: &dyn Fn(f64) -> f64| {
         grains.diameters_mm().map(|d| sphere_volume(size(d))).sum::<f64>() / mix.specimen_volume_mm3
     };
     Summary {
         grains: grains.len() as u64,
-        method_used: Some(placed.method_used),
+        method_used: Some(method_used),
         specimen_volume_mm3: mix.specimen_volume_mm3,
         volume_fraction_mixture: mix.volume_fraction_mixture,
         volume_fraction_effective: total(&|d| d),

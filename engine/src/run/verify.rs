@@ -1,0 +1,518 @@
+//! Whether a packing, or the failure of a run, that another process reports answers its request.
+//!
+//! The sizes and shapes of the grains are drawn again from the request and its seed and must be equal in every bit, which
+//! takes time proportional to the grains. The independent check ([`check`]) judges the positions. Every
+//! figure of the report that follows from the grains is computed again and must be equal; of the others, which only the
+//! run itself knows, the bounds and their agreement with the method are checked.
+
+use std::io;
+use std::num::NonZeroUsize;
+
+use super::{
+    Figures, Sampled, Solid, as_checked, distance_asked_mm, fraction_of, shape_volume, sphere_volume,
+};
+use crate::check::{self, Scope};
+use crate::control::Control;
+use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
+use crate::export::tables::{self, Column, GrainSource};
+use crate::memory::OutOfMemory;
+use crate::mix::{GradedMix, deviation};
+use crate::packing::{Grains, GrainsRef, GrowthEnd, MethodUsed, Report, Statistics};
+use crate::plan::{Limits, Plan};
+use crate::request::{Distance, Method, PackingRequest};
+use crate::shape::Polyhedron;
+
+/// Rows that are compared at a time.
+const BLOCK_ROWS: usize = 4096;
+/// How far the length of the quaternion of an orientation may be from 1.
+const UNIT_TOLERANCE: f64 = 1.0e-6;
+/// Most points of a growth curve.
+const MOST_CURVE_POINTS: usize = 1000;
+/// Longest time that a report may state, in s: 30 years.
+const MOST_TIME_S: f64 = 1.0e9;
+/// Relative error of sums of volumes that are computed in another order.
+const ROUNDING: f64 = 1.0e-9;
+
+/// Why a packing or a failure was not accepted.
+#[derive(Debug, thiserror::Error)]
+pub enum VerifyError {
+    /// It does not answer the request.
+    #[error("{0}")]
+    Wrong(String),
+    /// The control asked to stop; nothing is said of the packing.
+    #[error("the check was stopped on request")]
+    Stopped,
+    /// The system refused memory that the check needs; nothing is said of the packing.
+    #[error("out of memory: the check needs {} MB more", .bytes.div_ceil(1_000_000))]
+    OutOfMemory {
+        /// Bytes of the allocation that was refused.
+        bytes: u64,
+    },
+    /// The grains could not be read; nothing is said of the packing.
+    #[error("the packing cannot be read: {0}")]
+    Read(io::Error),
+}
+
+impl VerifyError {
+    fn wrong<T>(what: impl Into<String>) -> Result<T, Self> {
+        Err(Self::Wrong(what.into()))
+    }
+}
+
+impl From<OutOfMemory> for VerifyError {
+    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
+        Self::OutOfMemory { bytes }
+    }
+}
+
+impl From<PackError> for VerifyError {
+    fn from(error: PackError) -> Self {
+        match error {
+            PackError::Stopped { .. } => Self::Stopped,
+            PackError::OutOfMemory { bytes } => Self::OutOfMemory { bytes },
+            other => Self::Wrong(format!("there is no packing of this request: {other}")),
+        }
+    }
+}
+
+impl From<io::Error> for VerifyError {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::InvalidData => Self::Wrong(error.to_string()),
+            _ => Self::Read(error),
+        }
+    }
+}
+
+/// Verifies a packing that was computed elsewhere: its grains are those that the seed draws, they keep their gaps, and
+/// its report is theirs. With [`Scope::WithoutPairs`] the gaps between grains are left out.
+///
+/// # Errors
+/// See [`VerifyError`].
+pub fn verify(
+    request: &PackingRequest,
+    report: &Report,
+    source: &dyn GrainSource,
+    scope: Scope,
+    control: &dyn Control,
+) -> Result<(), VerifyError> {
+    let drawn = Drawn::new(request, control)?;
+    let grains = drawn.grains_of(source)?;
+    let (method_used, distance_mm) = judge_run(request, report, &grains)?;
+    let checked = as_checked(request, distance_mm);
+    let check = check::check_grains(&grains, &checked, scope, NonZeroUsize::MIN, control);
+    let check = check.map_err(|fault| match fault {
+        check::Fault::Stopped => VerifyError::Stopped,
+        check::Fault::OutOfMemory { bytes } => VerifyError::OutOfMemory { bytes },
+        fault => VerifyError::Wrong(fault.to_string()),
+    })?;
+    let coarse = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3());
+    let coarse = coarse.map_err(|field| VerifyError::Wrong(field.to_string()))?;
+    let mut figures = Figures::new(request, &checked, &drawn.mix, coarse, (&grains, method_used, check))?;
+    if scope == Scope::WithoutPairs {
+        // What the pairs alone would tell.
+        let told = &report.check;
+        if [told.min_gap_mm, told.min_excess_gap_mm].into_iter().flatten().any(|gap| gap < 0.0) {
+            return VerifyError::wrong("check: the report tells of grains that overlap or keep no distance");
+        }
+        figures.check.min_gap_mm = told.min_gap_mm;
+        figures.check.min_excess_gap_mm = told.min_excess_gap_mm;
+        figures.check.pairs_checked = told.pairs_checked;
+    }
+    equal("summary", &report.summary, &figures.summary)?;
+    equal("check", &report.check, &figures.check)?;
+    equal("warnings", &report.warnings, &figures.warnings)?;
+    equal("segregation", &report.segregation, &figures.segregation)?;
+    equal("shapes", &report.shapes, &figures.shapes)
+}
+
+/// Verifies that a run of a request ended as another process reports: a plan that cannot be made is planned again, and
+/// the figures of a target that was not reached must agree with the grains that the seed draws. The run itself is not
+/// repeated.
+///
+/// # Errors
+/// See [`VerifyError`].
+pub fn verify_failure(
+    request: &PackingRequest,
+    limits: &Limits,
+    told: &PackError,
+    control: &dyn Control,
+) -> Result<(), VerifyError> {
+    match told {
+        PackError::Plan(told) => {
+            let found = match Plan::new(request, limits) {
+                Err(found) => Some(found),
+                Ok(_) => {
+                    let drawn = Drawn::new(request, control)?;
+                    deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3())
+                        .err()
+                        .map(PlanError::Coarse)
+                }
+            };
+            match found {
+                Some(found) if found == *told => Ok(()),
+                Some(found) => {
+                    VerifyError::wrong(format!("the plan of the request fails otherwise: {found}"))
+                }
+                None => VerifyError::wrong("the request can be planned"),
+            }
+        }
+        PackError::TargetNotReached(TargetNotReached::InsertionFailed(told)) => {
+            Drawn::new(request, control)?.judge_insertion(request, told)
+        }
+        PackError::TargetNotReached(TargetNotReached::GrowthStopped(told)) => {
+            Drawn::new(request, control)?.judge_growth(request, told)
+        }
+        PackError::OutOfMemory { .. } | PackError::CheckFailed(_) | PackError::Stopped { .. } => Ok(()),
+    }
+}
+
+/// The grains that a seed draws.
+struct Drawn {
+    mix: GradedMix,
+    sampled: Sampled,
+}
+
+impl Drawn {
+    fn new(request: &PackingRequest, control: &dyn Control) -> Result<Self, VerifyError> {
+        request.validate().map_err(|fields| PackError::Plan(PlanError::Invalid(fields)))?;
+        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+        let sampled = Sampled::draw(request, &mix, control)?;
+        Ok(Self { mix, sampled })
+    }
+
+    fn len(&self) -> usize {
+        match &self.sampled {
+            Sampled::Spheres(drawn) => drawn.d_mm.len(),
+            Sampled::Solids(drawn) => drawn.len(),
+        }
+    }
+
+    /// Diameter of the sphere of equal volume of a grain, by its rank.
+    fn d_mm(&self, grain: usize) -> f64 {
+        match &self.sampled {
+            Sampled::Spheres(drawn) => drawn.d_mm[grain],
+            Sampled::Solids(drawn) => drawn.shapes[grain].d_mm(),
+        }
+    }
+
+    fn columns(&self) -> &'static [Column] {
+        match &self.sampled {
+            Sampled::Spheres(drawn) => {
+                Column::of(crate::request::GrainKind::Spheres, !drawn.parts.is_empty())
+            }
+            Sampled::Solids(drawn) => Column::of(drawn.kind(), !drawn.aggregate.is_empty()),
+        }
+    }
+
+    /// Reads the grains of a source, which must be as many and of the same sizes, shapes and aggregates.
+    fn grains_of(&self, source: &dyn GrainSource) -> Result<Grains, VerifyError> {
+        // Before anything is read: the drawn grains bound the memory.
+        let (found, drawn) = (source.len(), self.len());
+        if found != drawn {
+            return VerifyError::wrong(format!("the packing has {found} grains: the seed draws {drawn}"));
+        }
+        if source.columns() != self.columns() {
+            return VerifyError::wrong("the packing has columns of another kind of grains than the mix");
+        }
+        let grains = tables::load(source)?;
+        match (&grains, &self.sampled) {
+            (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
+                let differs = |grain: &usize| {
+                    !same_bits(found.d_mm[*grain], drawn.d_mm[*grain])
+                        || found.aggregate.get(*grain) != drawn.parts.get(*grain)
+                };
+                if let Some(grain) = (0..found.len()).find(differs) {
+                    let (has, draws) = (found.d_mm[grain], drawn.d_mm[grain]);
+                    return VerifyError::wrong(format!(
+                        "grain {grain} has the diameter {has} mm: the seed draws {draws} mm, or another aggregate"
+                    ));
+                }
+            }
+            (Grains::Solids(found), Sampled::Solids(drawn)) => {
+                let same = |(found, drawn): (&Polyhedron, &Polyhedron)| {
+                    found.vertices() == drawn.vertices()
+                        && found.faces() == drawn.faces()
+                        && same_bits(found.rounding(), drawn.rounding())
+                };
+                if found.templates.len() != drawn.templates.len()
+                    || !found.templates.iter().zip(&drawn.templates).all(same)
+                {
+                    return VerifyError::wrong(
+                        "the templates of the packing are not those that the seed draws",
+                    );
+                }
+                let differs = |grain: &usize| {
+                    !same_shape(&found.shapes[*grain], &drawn.shapes[*grain])
+                        || found.aggregate.get(*grain) != drawn.aggregate.get(*grain)
+                };
+                if let Some(grain) = (0..found.len()).find(differs) {
+                    return VerifyError::wrong(format!(
+                        "grain {grain} has another shape, size or aggregate than the seed draws"
+                    ));
+                }
+                let has_unit = |pose: &crate::shape::Pose| {
+                    (pose.orientation.quaternion().norm() - 1.0).abs() <= UNIT_TOLERANCE
+                };
+                if let Some(grain) = found.poses.iter().position(|pose| !has_unit(pose)) {
+                    return VerifyError::wrong(format!(
+                        "grain {grain} has an orientation that is no unit quaternion"
+                    ));
+                }
+            }
+            _ => return VerifyError::wrong("the packing has another kind of grains than the mix"),
+        }
+        same_columns(source, &grains)?;
+        Ok(grains)
+    }
+
+    /// Whether random sequential addition may have ended so.
+    fn judge_insertion(&self, request: &PackingRequest, told: &InsertionFailed) -> Result<(), VerifyError> {
+        let grains = self.len();
+        if !matches!(request.method, Method::Rsa { .. }) {
+            return VerifyError::wrong("the method of the request does not end because an insertion failed");
+        }
+        if told.grains != grains as u64 || told.placed >= told.grains {
+            let InsertionFailed { placed, grains: all, .. } = told;
+            return VerifyError::wrong(format!(
+                "{placed} of {all} grains were placed: fewer than the {grains} that the seed draws must be"
+            ));
+        }
+        let placed = told.placed as usize;
+        let fraction = |n: usize| fraction_of(n, |i| self.d_mm(i), self.mix.specimen_volume_mm3);
+        for (name, found, expected) in [
+            ("diameter_mm", told.diameter_mm, self.d_mm(placed)),
+            ("volume_fraction_reached", told.volume_fraction_reached, fraction(placed)),
+            ("volume_fraction_asked", told.volume_fraction_asked, fraction(grains)),
+        ] {
+            if !same_bits(found, expected) {
+                return VerifyError::wrong(format!("{name} is {found}: the seed draws {expected}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether growth may have ended so.
+    fn judge_growth(&self, request: &PackingRequest, told: &GrowthStopped) -> Result<(), VerifyError> {
+        let grains = self.len();
+        if told.grains != grains as u64 {
+            return VerifyError::wrong(format!(
+                "{} grains are told of: the seed draws {grains}",
+                told.grains
+            ));
+        }
+        let is_of_spheres = matches!(self.sampled, Sampled::Spheres(_));
+        let has_limit = |end: GrowthEnd| match (end, request.method) {
+            (GrowthEnd::Stalled | GrowthEnd::Target, Method::Rsa { .. }) => false,
+            (GrowthEnd::Stalled | GrowthEnd::Target, _) => true,
+            (GrowthEnd::TimeLimit, Method::Edmd { options }) => options.stop.time_s.is_some(),
+            (GrowthEnd::EventLimit, Method::Edmd { options }) => options.stop.events.is_some(),
+            (GrowthEnd::TimeLimit, Method::MonteCarlo { stop }) => stop.time_s.is_some(),
+            (GrowthEnd::SweepLimit, Method::MonteCarlo { stop }) => stop.sweeps.is_some(),
+            _ => false,
+        };
+        if !has_limit(told.end) || is_of_spheres != matches!(told.effort, GrowthEffort::Events { .. }) {
+            return VerifyError::wrong("the method of the request does not end like that");
+        }
+        let asked = match &self.sampled {
+            Sampled::Spheres(drawn) => drawn.d_mm.iter().map(|&d| sphere_volume(d)).sum::<f64>(),
+            Sampled::Solids(drawn) => drawn.shapes.iter().map(shape_volume).sum(),
+        } / self.mix.specimen_volume_mm3;
+        if (told.volume_fraction_asked - asked).abs() > ROUNDING * asked {
+            return VerifyError::wrong(format!(
+                "volume_fraction_asked is {}: the seed draws {asked}",
+                told.volume_fraction_asked
+            ));
+        }
+        if told.distance_mm_asked != distance_asked_mm(request) {
+            return VerifyError::wrong("distance_mm_asked is another than that of the request");
+        }
+        let time_s = match told.effort {
+            GrowthEffort::Events { simulated_time_s, .. } => simulated_time_s,
+            GrowthEffort::Cycles { .. } => 0.0,
+        };
+        for (name, found, most) in [
+            ("volume_fraction_reached", told.volume_fraction_reached, f64::MAX),
+            ("scale_reached", told.scale_reached, 1.0),
+            ("simulated_time_s", time_s, f64::MAX),
+        ] {
+            within(name, found, most)?;
+        }
+        if told.scale_reached >= 1.0 {
+            return VerifyError::wrong("scale_reached is 1: the grains have grown to their size");
+        }
+        Ok(())
+    }
+}
+
+fn same_bits(a: f64, b: f64) -> bool {
+    a.to_bits() == b.to_bits()
+}
+
+fn same_shape(found: &Solid, drawn: &Solid) -> bool {
+    match (found, drawn) {
+        (Solid::Ellipsoid(found), Solid::Ellipsoid(drawn)) => {
+            let (found, drawn) = (found.semi_axes_mm(), drawn.semi_axes_mm());
+            (0..3).all(|k| same_bits(found[k], drawn[k]))
+        }
+        (
+            Solid::Polyhedron { template: found, d_mm: found_mm },
+            Solid::Polyhedron { template: drawn, d_mm: drawn_mm },
+        ) => found == drawn && same_bits(*found_mm, *drawn_mm),
+        _ => false,
+    }
+}
+
+/// Whether the columns of a source are those that its grains would be stored with: some follow from others.
+fn same_columns(source: &dyn GrainSource, grains: &Grains) -> Result<(), VerifyError> {
+    let own = GrainsRef::from(grains);
+    let most = BLOCK_ROWS.min(source.len());
+    let (mut found, mut expected) = (vec![0.0; most], vec![0.0; most]);
+    for &column in source.columns() {
+        for start in (0..source.len()).step_by(BLOCK_ROWS) {
+            let rows = BLOCK_ROWS.min(source.len() - start);
+            source.read(column, start, &mut found[..rows])?;
+            own.read(column, start, &mut expected[..rows])?;
+            if let Some(row) = (0..rows).find(|&row| !same_bits(found[row], expected[row])) {
+                let (grain, name) = (start + row, column.name());
+                let (found, expected) = (found[row], expected[row]);
+                return VerifyError::wrong(format!(
+                    "grain {grain} has {found} in the column {name}: must be {expected}"
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether a member of the report is what it must be, bit by bit.
+fn equal<T: serde::Serialize>(name: &str, found: &T, expected: &T) -> Result<(), VerifyError> {
+    let value = |member: &T| serde_json::to_value(member).map_err(|error| VerifyError::Read(error.into()));
+    match difference(name, &value(found)?, &value(expected)?) {
+        None => Ok(()),
+        Some(what) => VerifyError::wrong(format!("the report does not agree with the grains: {what}")),
+    }
+}
+
+/// The first place where two values differ, and how.
+fn difference(place: &str, found: &serde_json::Value, expected: &serde_json::Value) -> Option<String> {
+    use serde_json::Value;
+    match (found, expected) {
+        (Value::Object(found), Value::Object(expected)) if found.len() == expected.len() => {
+            expected.iter().find_map(|(name, expected)| {
+                let found = found.get(name).unwrap_or(&Value::Null);
+                difference(&format!("{place}/{name}"), found, expected)
+            })
+        }
+        (Value::Array(found), Value::Array(expected)) if found.len() == expected.len() => {
+            let pairs = found.iter().zip(expected).enumerate();
+            pairs
+                .into_iter()
+                .find_map(|(i, (found, expected))| difference(&format!("{place}/{i}"), found, expected))
+        }
+        (Value::Array(found), Value::Array(expected)) => {
+            Some(format!("{place} has {} entries: must have {}", found.len(), expected.len()))
+        }
+        (found, expected) if found == expected => None,
+        (Value::Number(found), Value::Number(expected)) => {
+            Some(format!("{place} is {found}: must be {expected}"))
+        }
+        _ => Some(format!("{place} is another than it must be")),
+    }
+}
+
+fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyError> {
+    if (0.0..=most).contains(&found) {
+        return Ok(());
+    }
+    VerifyError::wrong(format!("{name} is {found}: must be from 0 to {most}"))
+}
+
+/// Whether what only the run knows agrees with the request; the method that was used, and the largest distance, where
+/// that was requested.
+fn judge_run(
+    request: &PackingRequest,
+    report: &Report,
+    grains: &Grains,
+) -> Result<(MethodUsed, Option<f64>), VerifyError> {
+    let Some(used) = report.summary.method_used else {
+        return VerifyError::wrong("summary/method_used is missing");
+    };
+    let is_of_spheres = grains.spheres().is_some();
+    let may_be = match (request.method, is_of_spheres) {
+        (Method::Rsa { .. }, _) => used == MethodUsed::Rsa,
+        (Method::Edmd { .. }, _) => used == MethodUsed::Edmd,
+        (Method::MonteCarlo { .. }, _) => used == MethodUsed::MonteCarlo,
+        (Method::Auto {}, true) => {
+            matches!(used, MethodUsed::Rsa | MethodUsed::Edmd | MethodUsed::RsaThenEdmd)
+        }
+        (Method::Auto {}, false) => {
+            matches!(used, MethodUsed::Rsa | MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo)
+        }
+    };
+    if !may_be {
+        return VerifyError::wrong("summary/method_used is not a method of the request");
+    }
+    judge_statistics(used, report)?;
+    let timings = &report.timings_s;
+    for (name, found) in [
+        ("timings_s/sampling", timings.sampling),
+        ("timings_s/rsa", timings.rsa),
+        ("timings_s/edmd", timings.edmd.unwrap_or(0.0)),
+        ("timings_s/monte_carlo", timings.monte_carlo.unwrap_or(0.0)),
+        ("timings_s/check", timings.check),
+        ("timings_s/total", timings.total),
+    ] {
+        within(name, found, MOST_TIME_S)?;
+    }
+    if report.growth_curve.len() > MOST_CURVE_POINTS {
+        let found = report.growth_curve.len();
+        return VerifyError::wrong(format!(
+            "growth_curve has {found} points: must have at most {MOST_CURVE_POINTS}"
+        ));
+    }
+    for point in &report.growth_curve {
+        within("growth_curve/packing_time_s", point.packing_time_s, MOST_TIME_S)?;
+        within("growth_curve/volume_fraction", point.volume_fraction, f64::MAX)?;
+        within("growth_curve/simulated_time_s", point.simulated_time_s.unwrap_or(0.0), f64::MAX)?;
+    }
+    let Distance::Maximize { .. } = request.distance else { return Ok((used, None)) };
+    match report.summary.distance_mm {
+        Some(mm) => within("summary/distance_mm", mm, f64::MAX).map(|()| (used, Some(mm))),
+        None => VerifyError::wrong("summary/distance_mm is missing: the largest distance is requested"),
+    }
+}
+
+/// Whether the counts are those of the method that was used, and of a run that reached its target.
+fn judge_statistics(used: MethodUsed, report: &Report) -> Result<(), VerifyError> {
+    let Statistics { rsa, edmd, monte_carlo } = report.statistics;
+    let is_edmd = matches!(used, MethodUsed::Edmd | MethodUsed::RsaThenEdmd);
+    let is_monte_carlo = matches!(used, MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo);
+    let agrees = rsa.is_some()
+        && edmd.is_some() == is_edmd
+        && monte_carlo.is_some() == is_monte_carlo
+        && (is_edmd || report.timings_s.edmd.is_none())
+        && (is_monte_carlo || report.timings_s.monte_carlo.is_none())
+        && (is_edmd || is_monte_carlo || report.growth_curve.is_empty());
+    if !agrees {
+        return VerifyError::wrong("statistics, times or growth curve are those of another method");
+    }
+    if let Some(edmd) = edmd {
+        for (name, found) in [
+            ("predictions_per_event", edmd.predictions_per_event),
+            ("events_per_s", edmd.events_per_s),
+            ("simulated_time_s", edmd.simulated_time_s),
+            ("energy", edmd.energy),
+            ("reduced_pressure", edmd.reduced_pressure),
+        ] {
+            within(name, found, f64::MAX)?;
+        }
+    }
+    let scales = [edmd.map(|edmd| edmd.growth_scale), monte_carlo.map(|counted| counted.growth_scale)];
+    if let Some(scale) = scales.into_iter().flatten().find(|scale| *scale < 1.0) {
+        return VerifyError::wrong(format!(
+            "growth_scale is {scale}: the grains of a packing have grown to their size"
+        ));
+    }
+    Ok(())
+}
