@@ -38,6 +38,7 @@ mod gradient;
 mod growth;
 mod hostile;
 mod idempotency;
+mod idle_workers;
 mod listing;
 mod load;
 mod migrate_store;

@@ -81,14 +81,15 @@ impl Serialize for FailureCode {
 }
 
 impl FailureCode {
-    /// Whether another attempt with the same input can succeed: after a full disk or a crash it can, after a failure
-    /// that options or packing decide it cannot.
+    /// Whether another attempt with the same input can succeed: after a full disk or a crash it can, and after a damaged
+    /// result, which is restored or computed again; after a failure that options or packing decide it cannot.
     pub(crate) fn is_transient(self) -> bool {
         matches!(
             self,
             Self::InternalError
                 | Self::AttemptsExhausted
                 | Self::InsufficientStorage
+                | Self::ResultDamaged
                 | Self::MachineFault
                 | Self::OutOfMemory
         )
@@ -372,6 +373,7 @@ mod tests {
                 "internal-error",
                 "attempts-exhausted",
                 "insufficient-storage",
+                "result-damaged",
                 "machine-fault",
                 "out-of-memory",
             ];

@@ -41,6 +41,9 @@ use crate::workers::slots::Slots;
 /// seconds that init systems and container engines grant.
 const STOP_RUNS: Duration = Duration::from_secs(8);
 
+/// Time between two looks for jobs that an idle worker was not told of.
+const LOOK_FOR_JOBS: Duration = Duration::from_secs(2);
+
 /// Time between two looks at the room for results, and for the reserve of disk space.
 const ROOM_EVERY: Duration = Duration::from_secs(1);
 
@@ -291,6 +294,7 @@ async fn work(
     let metrics = Arc::clone(&packings.metrics);
     run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, shutdown.clone())));
     run(Box::pin(watch_room(here.clone(), shutdown.clone())));
+    run(Box::pin(look_for_jobs(here.store.clone(), shutdown.clone())));
     let exports = |quick| Executor {
         kind: Exports {
             here: here.clone(),
@@ -327,6 +331,19 @@ async fn watch_room(here: Here, shutdown: CancellationToken) {
         here.store.refill_reserve().await;
         if let Err(error) = here.storage.start_what_fits().await {
             tracing::warn!(%error, "jobs that wait for room could not be started");
+        }
+    }
+}
+
+/// Wakes an idle worker for a job that it was not told of, until the server stops.
+async fn look_for_jobs(store: Store, shutdown: CancellationToken) {
+    loop {
+        tokio::select! {
+            () = sleep(LOOK_FOR_JOBS) => {}
+            () = shutdown.cancelled() => return,
+        }
+        if let Err(error) = store.look_for_jobs().await {
+            tracing::warn!(%error, "the queue could not be read for idle workers");
         }
     }
 }

@@ -189,6 +189,17 @@ impl Client {
         value.unwrap_or_else(|| panic!("no {name} in\n{text}")).parse().unwrap()
     }
 
+    /// Waits until `reached` holds for a metric.
+    pub(crate) async fn metric_when(&self, name: &str, reached: impl Fn(f64) -> bool) {
+        patiently(name, async {
+            let mut look_again = tokio::time::interval(Duration::from_millis(50));
+            while !reached(self.metric(name).await) {
+                look_again.tick().await;
+            }
+        })
+        .await;
+    }
+
     /// The result as JSON.
     pub(crate) async fn result(&self, id: &str) -> Value {
         self.get(&format!("/v1/jobs/{id}/result?format=json")).send().await.expect(200).json()

@@ -11,7 +11,7 @@ pub(crate) mod jobs;
 pub(crate) mod machine;
 mod postgres;
 mod process;
-#[cfg(feature = "s3")]
+#[cfg_attr(not(feature = "s3"), allow(dead_code, reason = "faults of a storage"))]
 mod proxy;
 mod raw;
 pub(crate) mod results;
@@ -25,7 +25,6 @@ pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};
 pub(crate) use postgres::{Postgres, holds_every_store};
 pub(crate) use process::{Finished, Running, packstone, run};
-#[cfg(feature = "s3")]
 pub(crate) use proxy::{Fault, Proxy};
 pub(crate) use raw::RawConnection;
 pub(crate) use server::{DataDir, Launch, Server};

@@ -3,7 +3,8 @@
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 
-use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _, copy_bidirectional};
+use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 
@@ -20,6 +21,8 @@ pub(crate) enum Fault {
     Held,
     /// Those that write are held for ever, and only their first bytes are read.
     HeldWrites,
+    /// It is passed on, but its answer is held for ever.
+    HeldAnswers,
 }
 
 /// Passes on requests, one for each connection.
@@ -40,9 +43,8 @@ impl Proxy {
         tokio::spawn(async move {
             let count = Arc::new(count);
             while let Ok((stream, _)) = listener.accept().await {
-                let fault = *present.lock().unwrap();
-                let (target, count) = (target.clone(), Arc::clone(&count));
-                tokio::spawn(async move { pass(stream, fault, &target, &count).await });
+                let (target, count, present) = (target.clone(), Arc::clone(&count), Arc::clone(&present));
+                tokio::spawn(async move { pass(stream, &present, &target, &count).await });
             }
         });
         Self { address, fault, failed }
@@ -67,7 +69,8 @@ impl Proxy {
     }
 }
 
-async fn pass(mut stream: TcpStream, fault: Fault, target: &str, failed: &watch::Sender<usize>) {
+async fn pass(mut stream: TcpStream, present: &Mutex<Fault>, target: &str, failed: &watch::Sender<usize>) {
+    let fault = *present.lock().unwrap();
     let fail = || failed.send_modify(|count| *count += 1);
     let mut first = [0; 4];
     if fault == Fault::Closed || stream.read_exact(&mut first).await.is_err() {
@@ -88,8 +91,31 @@ async fn pass(mut stream: TcpStream, fault: Fault, target: &str, failed: &watch:
         _ => {
             let Ok(mut upstream) = TcpStream::connect(target).await else { return };
             if upstream.write_all(&first).await.is_ok() {
-                let _ = copy_bidirectional(&mut stream, &mut upstream).await;
+                let (mut from_client, to_client) = stream.split();
+                let (from_server, mut to_server) = upstream.split();
+                tokio::select! {
+                    _ = tokio::io::copy(&mut from_client, &mut to_server) => {}
+                    () = answer(from_server, to_client, present, failed) => {}
+                }
             }
+        }
+    }
+}
+
+/// Passes on answers until the server closes the connection.
+async fn answer(
+    mut from_server: ReadHalf<'_>,
+    mut to_client: WriteHalf<'_>,
+    present: &Mutex<Fault>,
+    failed: &watch::Sender<usize>,
+) {
+    let mut buffer = vec![0; 1 << 16];
+    while let Ok(length @ 1..) = from_server.read(&mut buffer).await {
+        if *present.lock().unwrap() == Fault::HeldAnswers {
+            hold(failed).await;
+        }
+        if to_client.write_all(&buffer[..length]).await.is_err() {
+            return;
         }
     }
 }

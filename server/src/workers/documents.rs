@@ -77,8 +77,8 @@ pub(crate) struct LeaseRequest {
     /// Name of the process, for people.
     #[cfg_attr(test, schema(min_length = 1, max_length = 100))]
     pub(crate) worker: String,
-    /// Most jobs that it takes.
-    #[cfg_attr(test, schema(minimum = 1, maximum = 1024))]
+    /// Most jobs that it takes; 0 for those alone that an earlier request of the same claim has leased.
+    #[cfg_attr(test, schema(maximum = 1024))]
     pub(crate) slots: u32,
     /// Time that it has left for jobs, in s, where that is limited. It gets jobs that are forecast to take no longer,
     /// and, with 30 s and more, those whose method keeps checkpoints.
@@ -96,8 +96,8 @@ impl Checked for LeaseRequest {
         let mut faults = Vec::new();
         bounded(&mut faults, "/claim", &self.claim, MAX_CLAIM_CHARS);
         bounded(&mut faults, "/worker", &self.worker, MAX_NAME_CHARS);
-        if !(1..=MAX_SLOTS).contains(&self.slots) {
-            let detail = format!("{} is out of range: must be from 1 to {MAX_SLOTS}", self.slots);
+        if self.slots > MAX_SLOTS {
+            let detail = format!("{} is out of range: must be from 0 to {MAX_SLOTS}", self.slots);
             faults.push(FieldError::new("/slots", detail));
         }
         if let Some(remaining_s) = self.remaining_s.filter(|s| !(0.0..=MAX_REMAINING_S).contains(s)) {
@@ -371,7 +371,7 @@ mod tests {
         let request = json!({"claim": "c", "worker": "w", "slots": 2, "build": BUILD, "bits": "ab"});
         assert!(LeaseRequest::read(request.clone()).is_ok());
         for (member, value, pointer) in [
-            ("slots", json!(0), "/slots"),
+            ("slots", json!(1025), "/slots"),
             ("slots", json!("two"), "/slots"),
             ("worker", json!(""), "/worker"),
             ("claim", json!("x".repeat(65)), "/claim"),

@@ -8,7 +8,7 @@ use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
 use super::task::LeaseError;
 use crate::jobs::Lease;
-use crate::jobs::store::Store;
+use crate::jobs::store::{Store, WorkUntil};
 use crate::storage::{Bound, Storage};
 
 /// The store of this process.
@@ -26,14 +26,19 @@ impl Here {
         slots: &Slots,
         shutdown: &CancellationToken,
     ) -> Result<Option<(Work, Held)>, LeaseError> {
+        if !slots.are_free() {
+            // A wake-up that this executor got before the slots were taken is another worker's.
+            self.store.wake_next_worker();
+        }
         let mut reserved = tokio::select! {
             reserved = slots.reserve() => reserved,
             () = shutdown.cancelled() => return Ok(None),
         };
+        let mark = self.store.queue_mark();
         let Some(claimed) = self.store.claim().await? else {
             drop(reserved);
             tokio::select! {
-                () = self.store.queue_notified() => {}
+                () = self.store.queue_notified(mark, WorkUntil::Unlimited) => {}
                 () = shutdown.cancelled() => {}
             }
             return Ok(None);

@@ -5,8 +5,10 @@ use std::time::Duration;
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::{HeaderMap, StatusCode};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use http_body_util::BodyExt as _;
+use hyper::body::Body as _;
 use tokio::sync::oneshot;
 use tokio::time::{Instant, sleep_until};
 
@@ -18,7 +20,7 @@ use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{json, set};
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::{Claim, Claimed};
+use crate::jobs::store::{Claim, Claimed, Store, StoreError, WorkUntil};
 use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
@@ -28,7 +30,8 @@ use crate::workers::documents::{BUILD, LeaseDocument, LeaseRequest, LeasesDocume
 /// Lease jobs
 ///
 /// For `packstone worker` of the same build, with a key of the role `worker`. With `Prefer: wait=N` the answer is held
-/// back until a job waits. A lease ends by its result, by `/end`, or when it was not renewed for `lease_s`.
+/// back until a job waits. A lease ends by its result, by `/end`, or when it was not renewed for `lease_s`. With no
+/// `slots` the answer has only jobs that an earlier request of the same `claim` has leased, whose answer was not read.
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases", tag = "workers", operation_id = "lease_jobs",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
@@ -60,22 +63,27 @@ pub(crate) async fn lease(
     };
     let wait = Wait::of(&headers);
     let until = asked + wait.map(Wait::duration).unwrap_or_default();
+    let work_until = remaining.map_or(WorkUntil::Unlimited, |remaining| WorkUntil::Moment(asked + remaining));
+    let store = &app.shared.store;
+    let mut mark = store.queue_mark();
     let mut claimed = claim_heard(&app, claim()).await?;
     while claimed.is_empty() && Instant::now() < until {
         tokio::select! {
-            () = app.shared.store.queue_notified() => {}
+            () = store.queue_notified(mark, work_until) => {}
             () = sleep_until(until) => {}
             () = app.shared.shutdown.cancelled() => break,
         }
+        mark = store.queue_mark();
         claimed = claim_heard(&app, claim()).await?;
     }
     let mut response = if claimed.is_empty() {
         StatusCode::NO_CONTENT.into_response()
     } else {
-        app.shared.store.wake_next_worker();
-        let is_long = claimed.iter().map(|claimed| claimed.request.len()).sum::<usize>() > SMALL_BODY_BYTES;
-        let document = LeasesDocument { leases: documents(&app, &claimed).await? };
-        json(&app, StatusCode::OK, document, is_long).await
+        store.wake_next_worker();
+        let is_long =
+            claimed.claimed.iter().map(|claimed| claimed.request.len()).sum::<usize>() > SMALL_BODY_BYTES;
+        let document = LeasesDocument { leases: documents(&app, &claimed.claimed).await? };
+        claimed.until_taken(json(&app, StatusCode::OK, document, is_long).await)
     };
     if let Some(wait) = wait {
         set(&mut response, PREFERENCE_APPLIED, &wait.applied());
@@ -101,17 +109,67 @@ async fn check_build(app: &App, request: &LeaseRequest) -> Result<(), Problem> {
     Ok(())
 }
 
+/// Jobs that are leased to a worker which has not got the answer. Dropped, they return to the queue at once.
+struct Unanswered {
+    store: Store,
+    claimed: Vec<Claimed>,
+}
+
+impl Unanswered {
+    fn is_empty(&self) -> bool {
+        self.claimed.is_empty()
+    }
+
+    /// The answer with these jobs. They return to the queue where the connection closes before the answer is taken from
+    /// here.
+    fn until_taken(self, answer: Response) -> Response {
+        if !answer.status().is_success() {
+            return answer;
+        }
+        let (mut head, body) = answer.into_parts();
+        if let Some(length) = body.size_hint().exact() {
+            head.headers.insert(header::CONTENT_LENGTH, length.into());
+        }
+        let mut unanswered = self;
+        let body = body.map_frame(move |frame| {
+            unanswered.claimed.clear();
+            frame
+        });
+        Response::from_parts(head, Body::new(body))
+    }
+}
+
+impl Drop for Unanswered {
+    fn drop(&mut self) {
+        let claimed = std::mem::take(&mut self.claimed);
+        if claimed.is_empty() {
+            return;
+        }
+        let store = self.store.clone();
+        tasks::spawn(async move {
+            for Claimed { lease, .. } in claimed {
+                match store.give_back(lease).await {
+                    Ok(()) => {
+                        tracing::info!(job_id = %lease.id, "a worker hung up before it got the job: requeued")
+                    }
+                    Err(StoreError::LeaseLost) => {}
+                    Err(error) => {
+                        tracing::warn!(%error, job_id = %lease.id, "a lease that nobody has will run out")
+                    }
+                }
+            }
+        });
+    }
+}
+
 /// Leases jobs, and gives them back where the client has hung up meanwhile.
-async fn claim_heard(app: &App, claim: Claim) -> Result<Vec<Claimed>, Problem> {
+async fn claim_heard(app: &App, claim: Claim) -> Result<Unanswered, Problem> {
     let store = app.shared.store.clone();
     let (sender, receiver) = oneshot::channel();
     tasks::spawn(async move {
-        let Err(Ok(unheard)) = sender.send(store.claim_for(claim).await) else { return };
-        for claimed in unheard {
-            if let Err(error) = store.give_back(claimed.lease).await {
-                tracing::warn!(%error, job_id = %claimed.lease.id, "a lease that nobody has will run out");
-            }
-        }
+        let claimed = store.claim_for(claim).await;
+        // Where nobody receives them, they are dropped.
+        let _ = sender.send(claimed.map(|claimed| Unanswered { store, claimed }));
     });
     match receiver.await {
         Ok(claimed) => Ok(claimed?),
@@ -151,4 +209,69 @@ async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>,
         tracing::info!(job_id = id, attempt = claimed.lease.attempt, worker = claimed.job.worker, "leased");
     }
     Ok(documents)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::accounts::Submitter;
+    use crate::jobs::store::{NewJob, StoreLimits, Submitted};
+    use crate::jobs::{JobId, JobRequest, State};
+
+    /// A store with a job that a worker has leased.
+    async fn leased(folder: &std::path::Path) -> (Store, JobId, Unanswered) {
+        let limits = StoreLimits { max_queued: 10, lease: Duration::from_mins(1) };
+        let database = folder.join("packstone.sqlite").as_path().into();
+        let store = Store::open(&database, folder, limits, std::sync::Arc::default()).await.unwrap();
+        let request = json!({
+            "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2}
+        });
+        let new = NewJob {
+            request: JobRequest::read(&request, 1, None).unwrap(),
+            warnings: Vec::new(),
+            forecast_s: 1.0,
+            keeps_checkpoints: true,
+            most_threads: 1,
+            by: Submitter::default(),
+            idempotency_key: None,
+        };
+        let Submitted::Created(job) = store.submit(new).await.unwrap() else { panic!("a job without a key") };
+        let (worker, key, id) = ("w".to_owned(), String::new(), "c".to_owned());
+        let claim = Claim { worker, key, id, slots: 1, remaining: None };
+        let claimed = store.claim_for(claim).await.unwrap();
+        assert_eq!(claimed[0].job.id, job.id);
+        (store.clone(), job.id, Unanswered { store, claimed })
+    }
+
+    async fn state(store: &Store, id: JobId) -> State {
+        store.get(id).await.unwrap().unwrap().state
+    }
+
+    #[tokio::test]
+    async fn a_job_whose_answer_nobody_takes_returns_to_the_queue() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, id, unanswered) = leased(folder.path()).await;
+        let mut changes = store.subscribe(id);
+        let answer = unanswered.until_taken("the leases".into_response());
+        assert_eq!(state(&store, id).await, State::Running);
+        drop(answer);
+        changes.changed().await;
+        assert_eq!(state(&store, id).await, State::Queued);
+    }
+
+    #[tokio::test]
+    async fn a_job_whose_answer_was_taken_stays_with_its_worker() {
+        let folder = tempfile::tempdir().unwrap();
+        let (store, id, unanswered) = leased(folder.path()).await;
+        let answer = unanswered.until_taken("the leases".into_response());
+        let bytes = answer.into_body().collect().await.unwrap().to_bytes();
+        assert_eq!(&bytes[..], b"the leases");
+        // Whatever the drop of the body has begun is before this in the queue of the writer.
+        store.check_writable().await.unwrap();
+        assert_eq!(state(&store, id).await, State::Running);
+    }
 }

@@ -4,8 +4,10 @@
 use std::time::Duration;
 
 use tokio::sync::Notify;
+use tokio::time::{Instant, timeout};
 
-use super::{Lease, Shared, Store, Subscription};
+use super::idle_workers::{Mark, WorkUntil};
+use super::{Lease, Shared, Store, StoreError, Subscription};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::journal::Changed;
 use crate::jobs::{JobId, JobRecord};
@@ -13,8 +15,8 @@ use crate::tasks;
 
 /// A pause by the monotonic clock may end before it does by the clock of the database.
 const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
-/// How often an idle worker looks for jobs that are held back no longer, where the number of running jobs is bounded.
-const LOOK_AT_QUOTAS: Duration = Duration::from_secs(2);
+/// How often an idle export worker looks for exports, whatever was told.
+const LOOK_FOR_EXPORTS: Duration = Duration::from_secs(2);
 
 /// What has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -40,7 +42,7 @@ impl Shared {
     /// Wakes those who wait in this process.
     pub(super) fn wake(&self, change: Change) {
         match change {
-            Change::Queue => self.queue.notify_one(),
+            Change::Queue => self.idle_workers.wake(),
             Change::Exports => self.export_workers.iter().for_each(Notify::notify_one),
             Change::Webhooks => self.webhooks.notify_one(),
             Change::Job(id) => {
@@ -90,20 +92,44 @@ impl Store {
         self.shared.export_changes.subscribe(id)
     }
 
-    /// Waits until there may be something to derive.
+    /// Waits until there may be an export to make. No wake-up tells of the end of a pause that another process began, or
+    /// of a clock that was set: so it looks for itself from time to time.
     pub(crate) async fn exports_queued(&self, quick: bool) {
-        self.shared.export_workers[usize::from(quick)].notified().await;
+        let workers = &self.shared.export_workers[usize::from(quick)];
+        while timeout(LOOK_FOR_EXPORTS, workers.notified()).await.is_err() {
+            // A store that cannot tell is asked by the claim, which reports the fault.
+            if self.has_claimable_export(quick).await.unwrap_or(true) {
+                return;
+            }
+        }
     }
 
-    /// Waits until a job may have come into the queue.
-    pub(crate) async fn queue_notified(&self) {
-        let notified = self.shared.queue.notified();
-        if self.bounds_running() {
-            // A quota may have been raised, of which nobody tells.
-            let _ = tokio::time::timeout(LOOK_AT_QUOTAS, notified).await;
-        } else {
-            notified.await;
+    /// The moment before a worker asks for a job; see [`Self::queue_notified`].
+    pub(crate) fn queue_mark(&self) -> Mark {
+        self.shared.idle_workers.mark()
+    }
+
+    /// Waits until there may be a job for a worker that takes jobs until then, and has found none since the mark.
+    pub(crate) async fn queue_notified(&self, since: Mark, until: WorkUntil) {
+        self.shared.idle_workers.woken(since, until).await;
+    }
+
+    /// Wakes an idle worker where a job waits that it may start, whatever was told: quotas are raised, pauses end and
+    /// clocks are set without a word, and the words of other servers may be lost. Costs nothing where no worker is idle,
+    /// else a statement that changes nothing.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn look_for_jobs(&self) -> Result<(), StoreError> {
+        let Some(until) = self.shared.idle_workers.most_time() else { return Ok(()) };
+        let remaining = match until {
+            WorkUntil::Moment(moment) => Some(moment.saturating_duration_since(Instant::now())),
+            WorkUntil::Unlimited => None,
+        };
+        if self.has_claimable_job(remaining).await? {
+            self.wake_next_worker();
         }
+        Ok(())
     }
 
     /// Waits until a delivery may have been recorded.
@@ -111,7 +137,8 @@ impl Store {
         self.shared.webhooks.notified().await;
     }
 
-    /// Wakes one more worker: of a burst of submissions, only the last may have left its mark.
+    /// Wakes one more worker of this process: of a burst of submissions each wakes one, but some may have woken a worker
+    /// that was about to ask anyway.
     pub(crate) fn wake_next_worker(&self) {
         self.shared.wake(Change::Queue);
     }

@@ -1,6 +1,8 @@
 //! Leasing the next job to a worker: whose turn it is, which of the owner's jobs is next, and the lease itself.
 
-use super::db::{Row, Transaction, either, query};
+use std::time::Duration;
+
+use super::db::{Row, Source, Transaction, either, query};
 use super::leases::Claim;
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
@@ -22,8 +24,8 @@ macro_rules! line_of_owner {
 }
 
 /// The number of the job to run next, at the time `?1`: the first job of the owner whose turn it is (see [`turns`]), of
-/// those whose jobs are not held back, of which `?4` is a list in JSON. With `within`, the first of the next 250 jobs
-/// of the owner for which a worker with `?9` µs left has the time; an owner of whom there is none is passed over. The
+/// those whose jobs are not held back, of which `?2` is a list in JSON. With `within`, the first of the next 250 jobs
+/// of the owner for which a worker with `?3` µs left has the time; an owner of whom there is none is passed over. The
 /// very first is looked at alone: it fits in most cases, and the others are sorted once more.
 macro_rules! next_in_queue {
     ($database:ident) => {
@@ -34,9 +36,9 @@ macro_rules! next_in_queue {
             of $database,
             "select coalesce((select first.seq from (",
             line_of_owner!("jobs.seq, jobs.least_time_us"),
-            " limit 1) as first where first.least_time_us <= ?9), (select line.seq from (",
+            " limit 1) as first where first.least_time_us <= ?3), (select line.seq from (",
             line_of_owner!("jobs.seq, jobs.priority, jobs.turn, jobs.least_time_us"),
-            " limit 250) as line where line.least_time_us <= ?9
+            " limit 250) as line where line.least_time_us <= ?3
               order by line.priority desc, line.turn, line.seq limit 1)) as seq"
         )
     };
@@ -44,7 +46,7 @@ macro_rules! next_in_queue {
         concat!(
             "select head.seq from queue_owners cross join jobs as head
              where queue_owners.queued > 0
-                 and queue_owners.owner not in (select value from json_each(?4))
+                 and queue_owners.owner not in (select value from json_each(?2))
                  and head.seq = (",
             $($first_of_owner)+,
             " limit 1)
@@ -57,7 +59,7 @@ macro_rules! next_in_queue {
             $($first_of_owner)+,
             " limit 1) as head
              where queue_owners.queued > 0 and head.seq is not null
-                 and queue_owners.owner not in (select value from json_each(?4))
+                 and queue_owners.owner not in (select value from json_each(?2))
              order by greatest(queue_owners.last_start + 1, (select max(last_start) from queue_owners)), head.seq
              limit 1"
         )
@@ -69,18 +71,18 @@ pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
 pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
 /// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact. Changes
-/// nothing where the claim has leased another number of jobs than `?8`: then it is a repeated one.
+/// nothing where the claim has leased another number of jobs than `?9`: then it is a repeated one.
 macro_rules! lease {
     ($next:expr) => {
         concat!(
             "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?2, progress = null, error = null, engine = ?3, not_before = null,
-                 worker = ?5, worker_key = ?6, claim = ?7
+                 lease_expires_at = ?4, progress = null, error = null, engine = ?5, not_before = null,
+                 worker = ?6, worker_key = ?7, claim = ?8
              where seq = (",
             $next,
-            ") and ?8 = (
+            ") and ?9 = (
                  select count(*) from jobs as leased
-                 where leased.claim = ?7 and leased.worker_key = ?6 and leased.state = 'running'
+                 where leased.claim = ?8 and leased.worker_key = ?7 and leased.state = 'running'
              ) returning *, cast(null as text) as path,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id,
                  (select job_requests.body from job_requests where job_requests.job = jobs.seq) as body"
@@ -166,33 +168,49 @@ impl Store {
                 (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id), leased as i64, claim.remaining)
             }
         };
-        let held_back = self.held_back(tx).await?;
+        let held_back = self.held_back(&mut *tx).await?;
         let now = self.now_us();
         let text = match remaining {
             None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
             Some(_) => either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within))),
         };
-        let mut leasing = query(text)
+        let leasing = query(text)
             .bind(now)
+            .bind(to_json(&held_back)?)
+            .bind(remaining.map(micros))
             .bind(now.saturating_add(micros(self.limits().lease)))
             .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
-            .bind(to_json(&held_back)?)
             .bind(worker)
             .bind(key)
             .bind(claim)
             .bind(leased);
-        if let Some(remaining) = remaining {
-            leasing = leasing.bind(micros(remaining));
-        }
         leasing.fetch_optional(tx).await?.map(|row| Claimed::of(&row)).transpose()
     }
 
+    /// Whether a job waits that a worker with so much time left could lease now. Leases nothing.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(super) async fn has_claimable_job(&self, remaining: Option<Duration>) -> Result<bool, StoreError> {
+        let held_back = self.held_back(self.readers()).await?;
+        let text = match remaining {
+            None => either(next_in_queue!(sqlite), next_in_queue!(postgres)),
+            Some(_) => either(next_in_queue!(sqlite within), next_in_queue!(postgres within)),
+        };
+        let mut looking = query(text).bind(self.now_us()).bind(to_json(&held_back)?);
+        if let Some(remaining) = remaining {
+            looking = looking.bind(micros(remaining));
+        }
+        Ok(looking.fetch_optional(self.readers()).await?.is_some())
+    }
+
     /// The owners of whom as many jobs run as may.
-    async fn held_back(&self, tx: &mut Transaction<'_>) -> Result<Vec<String>, StoreError> {
+    async fn held_back<'s>(&self, source: impl Source<'s>) -> Result<Vec<String>, StoreError> {
         if !self.accounts().bounds_running() {
             return Ok(Vec::new());
         }
-        let found = query("select owner, running from queue_owners where queued > 0").fetch_all(tx).await?;
+        let found =
+            query("select owner, running from queue_owners where queued > 0").fetch_all(source).await?;
         let mut held_back = Vec::new();
         for row in found {
             let (owner, running): (String, i64) = (row.try_get("owner")?, row.try_get("running")?);

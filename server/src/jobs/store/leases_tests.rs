@@ -2,7 +2,9 @@
 
 #![allow(clippy::unwrap_used)]
 
+use futures_util::poll;
 use serde_json::json;
+use tokio::time::Instant;
 
 use super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, request, submit, succeed};
 use super::*;
@@ -228,6 +230,28 @@ async fn a_claim_within_a_time_looks_at_the_next_jobs_of_each_owner_only() {
     }
     let short = submit_long(&store, "", 1.0, false).await;
     assert_eq!(claimed_within(&store, 10).await, None, "it is too far behind");
+    let (mark, until) = (store.queue_mark(), WorkUntil::Moment(Instant::now() + Duration::from_secs(10)));
     store.cancel(first).await.unwrap();
+    store.queue_notified(mark, until).await;
     assert_eq!(claimed_within(&store, 10).await, Some(short));
+}
+
+#[tokio::test]
+async fn an_idle_worker_looks_for_jobs_that_nobody_told_it_of() {
+    let (_folder, store) = fresh().await;
+    let until = WorkUntil::Moment(Instant::now() + Duration::from_mins(1));
+    let mut idle = Box::pin(store.queue_notified(store.queue_mark(), until));
+    assert!(poll!(idle.as_mut()).is_pending());
+    // As if the words of another server had been lost.
+    let long = submit_long(&store, "", 100.0, false).await;
+    drop(idle);
+    let mut idle = Box::pin(store.queue_notified(store.queue_mark(), until));
+    assert!(poll!(idle.as_mut()).is_pending());
+    store.look_for_jobs().await.unwrap();
+    assert!(poll!(idle.as_mut()).is_pending(), "the job does not fit into its time");
+    let mut other = Box::pin(store.queue_notified(store.queue_mark(), WorkUntil::Unlimited));
+    assert!(poll!(other.as_mut()).is_pending());
+    store.look_for_jobs().await.unwrap();
+    assert!(poll!(other.as_mut()).is_ready() && poll!(idle.as_mut()).is_pending());
+    assert_eq!(store.claim().await.unwrap().unwrap().job.id, long);
 }

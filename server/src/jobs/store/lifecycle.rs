@@ -4,7 +4,7 @@
 //! the attempt, so that a worker that lost its lease changes nothing.
 
 use super::db::{Durability, query};
-use super::exports::files_of_job;
+use super::exports::{end_of_retried, files_of_job};
 use super::leased::LeasedTask;
 use super::running::{Left, Success};
 use super::studies::runs;
@@ -218,6 +218,8 @@ impl Store {
                 tx.commit().await?;
                 drop(writer);
                 store.notify_job(&job);
+                // A worker whose time is limited looks at the first jobs of the queue only.
+                store.wake_worker();
                 Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
             }
         })
@@ -247,6 +249,7 @@ impl Store {
                 return Err(StoreError::Forbidden(before.state));
             }
             query("delete from artifacts where job = ?").bind(before.seq).execute(&mut tx).await?;
+            let exports = end_of_retried(&mut tx, before.seq, store.now_us()).await?;
             store.check_queue(&mut tx, &before.owner, 1).await?;
             let number = runs::flow_of(&mut tx, before.seq).await?;
             let flow = turns::Flow { owner: &before.owner, number, priority: before.priority };
@@ -267,6 +270,9 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             store.notify_job(&job);
+            for id in exports {
+                store.notify_export(id);
+            }
             store.wake_worker();
             Ok(job)
         })

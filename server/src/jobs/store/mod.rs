@@ -19,6 +19,7 @@ mod faults;
 mod files;
 mod forecasts;
 mod group_commit;
+mod idle_workers;
 mod leased;
 mod leases;
 #[cfg(test)]
@@ -68,6 +69,7 @@ use crate::jobs::request::MAX_LABELS;
 use crate::tasks;
 use database::Opened;
 use db::{Durability, Readers};
+use idle_workers::IdleWorkers;
 use writer::{Writer, Writing};
 
 pub(crate) use claims::Claimed;
@@ -76,6 +78,7 @@ pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use files::{ExpectedFile, files_of};
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
+pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
@@ -186,7 +189,7 @@ struct Shared {
     study_changes: Notifications<StudyId>,
     export_changes: Notifications<ExportId>,
     journal: Journal,
-    queue: Notify,
+    idle_workers: IdleWorkers,
     /// Of those who make anything, and of those who make only what is quick.
     export_workers: [Notify; 2],
     /// Of the task that sends webhooks.
@@ -228,7 +231,7 @@ impl Store {
             study_changes: Notifications::default(),
             export_changes: Notifications::default(),
             journal: Journal::default(),
-            queue: Notify::new(),
+            idle_workers: IdleWorkers::default(),
             export_workers: [Notify::new(), Notify::new()],
             webhooks: Notify::new(),
             #[cfg(feature = "postgres")]

@@ -94,13 +94,14 @@ async fn an_owner_at_his_bound_holds_up_no_other() {
     let first = store.claim().await.unwrap().unwrap();
     assert_eq!(starts(&store, 3).await, "ba-");
     assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 2, running: 2, stored_bytes: 0 });
-    // A worker that waits is told, whichever way a job ends.
-    store.queue_notified().await;
     for _ in 0..5 {
         submit_as(&store, "b", json!({})).await.unwrap();
     }
     assert_eq!(starts(&store, 2).await, "b-");
+    // A worker that waits is told, whichever way a job ends.
+    let mark = store.queue_mark();
     succeed(&store, first.lease).await;
+    store.queue_notified(mark, WorkUntil::Unlimited).await;
     assert_eq!(starts(&store, 2).await, "a-");
     assert_eq!(store.usage_of("a").await.unwrap(), Usage { queued: 1, running: 2, stored_bytes: 10 });
     assert_eq!(store.usage_of("none").await.unwrap(), Usage { queued: 0, running: 0, stored_bytes: 0 });

@@ -26,7 +26,8 @@ impl Store {
             let mut tx = writer.begin().await?;
             let before = rows::by_id(&mut tx, target.id).await?;
             target.check(before.version)?;
-            if let Some(priority) = patch.priority.filter(|priority| *priority != before.priority) {
+            let priority = patch.priority.filter(|priority| *priority != before.priority);
+            if let Some(priority) = priority {
                 set_priority(&mut tx, &before, priority).await?;
             }
             if !patch.labels.is_empty() || patch.clear_labels {
@@ -53,6 +54,10 @@ impl Store {
             tx.commit().await?;
             drop(writer);
             store.notify(job.id);
+            if priority.is_some() {
+                // A worker whose time is limited looks at the first jobs of the queue only.
+                store.wake_worker();
+            }
             Ok(job)
         })
         .await

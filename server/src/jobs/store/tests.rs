@@ -491,14 +491,15 @@ async fn only_finished_jobs_expire() {
 #[tokio::test]
 async fn changes_wake_whoever_waits_for_the_job() {
     let (_folder, store) = fresh().await;
+    let mark = store.queue_mark();
     let job = submit(&store, json!({})).await.id;
     let mut changes = store.subscribe(job);
     store.claim().await.unwrap().unwrap();
     changes.changed().await;
     store.cancel(job).await.unwrap();
     changes.changed().await;
-    // The mark of a submission stays until a worker looks.
-    store.queue_notified().await;
+    // A worker whose mark is older than the submission does not wait.
+    store.queue_notified(mark, WorkUntil::Unlimited).await;
 }
 
 #[tokio::test]

@@ -8,29 +8,25 @@
 //! still holds: a job that was given to another process is stopped here, and its result is not taken. So a server that
 //! is restarted costs no work, and a process that was cut off wastes its own time at most, for runs are deterministic.
 
+mod claiming;
 mod server;
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use hyper::StatusCode;
-use packstone_engine::Limits;
 use tokio::sync::{Notify, watch};
 use tokio::time::{Instant, sleep};
-use tokio_util::sync::CancellationToken;
 
 use super::documents::{
-    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeaseState, LeasesDocument, MAX_REMAINING_S,
-    RenewalDocument, RenewalRequest, RenewalsDocument,
+    EndOutcome, EndRequest, LeaseState, RenewalDocument, RenewalRequest, RenewalsDocument,
 };
 use super::ending::{Cause, Told};
-use super::packing::{CLAIM_WAIT, Stored, Work};
-use super::slots::{Held, Slots, threads_of};
+use super::packing::{Stored, Work};
 use super::task::LeaseError;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
@@ -38,7 +34,6 @@ use crate::disk::Disk;
 use crate::failure::Failure;
 use crate::ids::JobId;
 use crate::jobs::{JobProgress, Lease};
-use crate::storage::Bound;
 use crate::studies::Facts;
 
 pub(crate) use server::{Server, ServerError};
@@ -51,9 +46,6 @@ const LEAST_PAUSE: Duration = Duration::from_millis(200);
 const PAUSES: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(10));
 /// How often the checkpoints of a running job are looked at.
 const LOOK_AT_CHECKPOINTS: Duration = Duration::from_secs(5);
-
-/// How often a process whose disk is full looks for room.
-const LOOK_FOR_ROOM: Duration = Duration::from_secs(1);
 
 /// What became of a lease, as the last renewal told.
 pub(crate) type State = LeaseState;
@@ -160,115 +152,6 @@ impl There {
         options.until.is_some_and(|until| Instant::now() >= until)
             || options.idle.is_some_and(is_idle)
             || refused.lock().unwrap_or_else(PoisonError::into_inner).is_some()
-    }
-
-    /// Leases the next job; `None` where none came for a while, or the process is to stop.
-    pub(super) async fn claim(
-        &self,
-        slots: &Slots,
-        shutdown: &CancellationToken,
-    ) -> Result<Option<(Work, Held)>, LeaseError> {
-        let asking = async {
-            let _turn = self.shared.claiming.lock().await;
-            let reserved = slots.reserve().await;
-            Ok(self.ask().await.map(|document| {
-                // No other claim is under way, so that nothing is waited for: the job would be lost if this were
-                // dropped meanwhile.
-                let threads = threads_of(document.threads, document.most_threads);
-                let left = if document.threads.is_none() { document.queued } else { 0 };
-                let held = reserved.take(threads, left);
-                (self.begin(&document, held.count()), held)
-            }))
-        };
-        tokio::select! {
-            claimed = asking => claimed,
-            // The server sees that the connection is closed, and gives the job to another.
-            () = shutdown.cancelled() => Ok(None),
-            () = self.shared.full.notified() => Ok(None),
-        }
-    }
-
-    /// Waits while there is no room for a result as the last that could not be written: each job would be packed in
-    /// vain.
-    async fn await_room(&self) {
-        let Shared { disk, needed_bytes, .. } = &*self.shared;
-        let needed = needed_bytes.load(Ordering::Acquire);
-        let free = || disk.space().map_or(u64::MAX, |space| space.free);
-        if free() >= needed {
-            return;
-        }
-        tracing::error!(
-            free_bytes = free(),
-            needed,
-            "the disk of this worker is full; it takes no job until there is room"
-        );
-        while free() < needed && !self.is_over() {
-            sleep(LOOK_FOR_ROOM).await;
-        }
-        needed_bytes.store(0, Ordering::Release);
-    }
-
-    /// Asks for a job until the server has answered.
-    async fn ask(&self) -> Option<LeaseDocument> {
-        self.await_room().await;
-        let options = &self.shared.options;
-        let left = || options.until.map(|until| until.saturating_duration_since(Instant::now()));
-        let mut wait = CLAIM_WAIT;
-        if let Some(left) = left() {
-            wait = wait.min(left);
-        }
-        if let Some(idle) = options.idle {
-            wait = wait.min(idle);
-        }
-        let mut request = LeaseRequest {
-            // An ID as good as any other: it is only ever compared.
-            claim: JobId::new().to_string(),
-            worker: options.name.clone(),
-            slots: 1,
-            remaining_s: None,
-            build: BUILD.into(),
-            bits: options.bits.clone(),
-        };
-        let mut pause = PAUSES.0;
-        while !self.is_over() {
-            request.remaining_s = left().map(|left| left.as_secs_f64().min(MAX_REMAINING_S));
-            match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
-                Ok(found) => {
-                    return found.and_then(|found| found.leases.into_iter().next());
-                }
-                Err(error) if error.is_final() => {
-                    *self.shared.refused.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-                }
-                Err(error) => {
-                    tracing::warn!(%error, pause_s = pause.as_secs_f64(), "no answer to the request for a job");
-                    sleep(pause).await;
-                    pause = (2 * pause).min(PAUSES.1);
-                }
-            }
-        }
-        None
-    }
-
-    fn begin(&self, document: &LeaseDocument, threads: NonZeroUsize) -> Work {
-        let lease = Lease { seq: 0, id: document.job, attempt: document.attempt, study: None };
-        let state = watch::Sender::new(State::Running);
-        self.jobs().insert(key(lease), Job { state, progress: None, sent: Instant::now() });
-        self.shared.changed.notify_one();
-        let limits = Limits {
-            max_grains: document.max_grains,
-            max_memory_bytes: document.max_memory_bytes,
-            threads,
-            ..Limits::default()
-        };
-        Work {
-            lease,
-            request: document.request.to_string(),
-            timeout_s: document.timeout_s,
-            faults: document.faults,
-            limits,
-            room: (document.room_bytes, Bound::Disk),
-            has_checkpoint: document.has_checkpoint,
-        }
     }
 
     /// Fetches the checkpoint of an earlier attempt. Without it the job starts anew.

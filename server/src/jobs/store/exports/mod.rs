@@ -19,7 +19,7 @@ use crate::ids::ExportId;
 
 pub(super) use query::files_of_job;
 pub(crate) use request::Retention;
-pub(super) use request::insert_beforehand;
+pub(super) use request::{end_of_retried, insert_beforehand};
 pub(crate) use work::ClaimedExport;
 
 /// A query for exports, with the ids of the jobs; `$tail` holds what follows.

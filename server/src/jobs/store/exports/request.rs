@@ -1,11 +1,13 @@
 //! Requesting and deleting exports.
 
 use super::super::db::{Transaction, query};
+use super::super::submit::to_json;
 use super::super::writer::Writing;
 use super::super::{Store, StoreError};
 use super::work::MAX_ATTEMPTS;
-use super::{by_seq, export, select_exports, touch_job};
+use super::{by_seq, export, export_id, select_exports, touch_job};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport};
+use crate::failure::{Failure, FailureCode};
 use crate::ids::{ExportId, JobId};
 
 /// How long an export is stored.
@@ -140,9 +142,7 @@ async fn find_or_insert(
         check_kept(&mut tx, job).await?;
     }
     let seq = if let Some(known) = &known {
-        let retried = known.state == ExportState::Failed
-            && known.error.as_ref().is_none_or(|error| error.code.is_transient());
-        update(&mut tx, known, retried, keep, now).await?;
+        update(&mut tx, known, may_be_retried(known), keep, now).await?;
         known.seq
     } else {
         check_waiting(&mut tx).await?;
@@ -200,9 +200,49 @@ pub(in crate::jobs::store) async fn insert_beforehand(
     now: i64,
 ) -> Result<(), StoreError> {
     for new in new {
-        insert(tx, job, new, Row { kept: true, rank: 1, now }).await?;
+        if insert(tx, job, new, Row { kept: true, rank: 1, now }).await?.is_some() {
+            continue;
+        }
+        // Of an earlier result of the job, which was damaged.
+        let known = query(select_exports!("where exports.job = ? and exports.key = ?"))
+            .bind(job)
+            .bind(&new.key)
+            .fetch_optional(&mut *tx)
+            .await?;
+        if let Some(known) = known.as_ref().map(export).transpose()? {
+            update(tx, &known, may_be_retried(&known), !known.kept, now).await?;
+        }
     }
     Ok(())
+}
+
+/// Whether an export has failed for a reason that passes.
+fn may_be_retried(known: &ExportRecord) -> bool {
+    known.state == ExportState::Failed && known.error.as_ref().is_none_or(|error| error.code.is_transient())
+}
+
+/// Ends the exports that wait or are made of a result that is given up, in the transaction that retries the job. Returns
+/// which they were.
+pub(in crate::jobs::store) async fn end_of_retried(
+    tx: &mut Transaction<'_>,
+    job: i64,
+    now: i64,
+) -> Result<Vec<ExportId>, StoreError> {
+    let failure = Failure::new(
+        FailureCode::ResultDamaged,
+        "the result was damaged and the job is retried: request the export again when the job has succeeded",
+    );
+    let ended = query(
+        "update exports set state = 'failed', error = ?2, progress = null, lease_expires_at = null, not_before = null,
+             version = version + 1, finished_at = ?3, updated_at = ?3
+         where job = ?1 and state in ('queued', 'running') returning id",
+    )
+    .bind(job)
+    .bind(to_json(&failure)?)
+    .bind(now)
+    .fetch_all(tx)
+    .await?;
+    ended.iter().map(|row| export_id(row.text("id")?)).collect()
 }
 
 struct Row {

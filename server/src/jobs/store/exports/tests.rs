@@ -3,9 +3,11 @@
 
 #![allow(clippy::unwrap_used)]
 
+use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
 use serde_json::json;
 
+use super::super::db::query;
 use super::super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Retention, Store, StoreError};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
@@ -290,4 +292,66 @@ async fn what_waits_and_what_is_kept_is_bounded() {
         assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:?}");
     }
+}
+
+#[tokio::test]
+async fn exports_of_a_damaged_job_end_with_its_retry_and_are_made_after_it() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, vec![slow(1.0)]).await;
+    let (waiting, _) = request(&store, job.id, slow(2.0), Retention::Cached).await;
+    let running = store.claim_export(false).await.unwrap().unwrap().export;
+    assert_eq!(running.id, waiting.id, "a client waits for it");
+    let mut changes = store.subscribe_export(running.id);
+    let damaged = job.artifact.unwrap().path;
+    store.retry(job.id, Some(damaged)).await.unwrap();
+    changes.changed().await;
+    assert!(matches!(store.check_export_lease(&running).await, Err(StoreError::LeaseLost)));
+    assert_eq!(store.claim_export(false).await.unwrap(), None);
+    let (ended, _) = store.list_exports(job.seq, None, 10).await.unwrap();
+    assert_eq!(ended.len(), 2);
+    for export in ended {
+        assert_eq!(export.state, ExportState::Failed);
+        assert_eq!(export.error.unwrap().code, FailureCode::ResultDamaged);
+    }
+    // The same bits again: the keys are the same too.
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    let again = artifact(&format!("{}.2", lease.id));
+    store.succeed(lease, again, progress(1.0), Facts::default(), vec![slow(1.0)]).await.unwrap();
+    let of_request = store.claim_export(false).await.unwrap().unwrap();
+    assert_eq!((of_request.export.key.clone(), of_request.export.kept), (slow(1.0).key, true));
+    assert!(of_request.result.path.ends_with(".2"));
+    assert_eq!(request(&store, job.id, slow(2.0), Retention::Cached).await.0.state, ExportState::Queued);
+}
+
+#[tokio::test]
+async fn an_export_of_a_job_without_a_result_holds_up_no_other() {
+    let (_folder, store) = fresh().await;
+    let (first, second) = (finished(&store, Vec::new()).await, finished(&store, Vec::new()).await);
+    let (lost, _) = request(&store, first.id, cut(1.0), Retention::Cached).await;
+    let (good, _) = request(&store, second.id, cut(1.0), Retention::Cached).await;
+    query("delete from artifacts where job = ?")
+        .bind(first.seq)
+        .execute(&mut store.writer().await.unwrap())
+        .await
+        .unwrap();
+    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, good.id);
+    assert_eq!(again(&store, &lost).await.unwrap().state, ExportState::Failed);
+}
+
+#[tokio::test]
+async fn an_idle_export_worker_sees_the_end_of_a_pause_that_nobody_tells_of() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    request(&store, job.id, cut(1.0), Retention::Cached).await;
+    // The words of the request are taken by a worker that finds it paused, as after a restart.
+    let until = Timestamp::now().as_microsecond() + 500_000;
+    query("update exports set not_before = ?")
+        .bind(until)
+        .execute(&mut store.writer().await.unwrap())
+        .await
+        .unwrap();
+    store.exports_queued(false).await;
+    assert_eq!(store.claim_export(false).await.unwrap(), None, "it is paused");
+    store.exports_queued(false).await;
+    assert!(store.claim_export(false).await.unwrap().is_some());
 }

@@ -7,7 +7,7 @@ use super::super::leased::{Kind, LeasedTask, take_back};
 use super::super::submit::to_json;
 use super::super::writer::Writing;
 use super::super::{Store, StoreError, micros, rows};
-use super::{by_seq, export_id};
+use super::{by_seq, end_of_retried, export_id};
 use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
@@ -23,9 +23,20 @@ macro_rules! next {
             "update exports set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
                  lease_expires_at = ?2,
                  progress = null, error = null, not_before = null
-             where seq = (select seq from exports ",
+             where seq = (",
+            waiting!($tail),
+            ") returning seq, faults"
+        )
+    };
+}
+
+/// The query for the next export among those of `$tail`, at the time `?1`.
+macro_rules! waiting {
+    ($tail:literal) => {
+        concat!(
+            "select seq from exports ",
             $tail,
-            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1) returning seq, faults"
+            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1"
         )
     };
 }
@@ -79,15 +90,37 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             // A power cut that undoes the claim leaves the export queued.
-            let mut writer = store.shared.writer.lock(store.durability_of_leases()).await?;
-            let claimed = claim(&mut writer, store.lease(), quick).await?;
-            drop(writer);
-            if let Some(claimed) = &claimed {
-                store.notify_export(claimed.export.id);
+            loop {
+                let mut writer = store.shared.writer.lock(store.durability_of_leases()).await?;
+                let claimed = claim(&mut writer, store.lease(), quick).await?;
+                drop(writer);
+                match claimed {
+                    Claim::None => return Ok(None),
+                    Claim::Claimed(claimed) => {
+                        store.notify_export(claimed.export.id);
+                        return Ok(Some(*claimed));
+                    }
+                    Claim::Ended(id) => {
+                        tracing::warn!(export_id = %id, "an export of a job without a result has ended");
+                        store.notify_export(id);
+                    }
+                }
             }
-            Ok(claimed)
         })
         .await
+    }
+
+    /// Whether an export waits that [`Self::claim_export`] would claim now. Claims nothing.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in crate::jobs::store) async fn has_claimable_export(&self, quick: bool) -> Result<bool, StoreError> {
+        let text = if quick {
+            waiting!("indexed by exports_quick where state = 'queued' and quick")
+        } else {
+            waiting!("indexed by exports_queue where state = 'queued'")
+        };
+        Ok(query(text).bind(self.now_us()).fetch_optional(self.readers()).await?.is_some())
     }
 
     /// Renews the lease of an export, and records the progress where there is any.
@@ -292,11 +325,7 @@ pub(super) fn claim_sql(quick: bool) -> &'static str {
     }
 }
 
-async fn claim(
-    writer: &mut Writing<'_>,
-    lease: Duration,
-    quick: bool,
-) -> Result<Option<ClaimedExport>, StoreError> {
+async fn claim(writer: &mut Writing<'_>, lease: Duration, quick: bool) -> Result<Claim, StoreError> {
     let now = writer.now_us();
     let mut tx = writer.begin().await?;
     let row = query(claim_sql(quick))
@@ -306,13 +335,26 @@ async fn claim(
         .await?;
     let Some(row) = row else {
         tx.rollback().await?;
-        return Ok(None);
+        return Ok(Claim::None);
     };
     let export = by_seq(&mut tx, row.try_get("seq")?).await?;
     let faults = row.try_get("faults")?;
     let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
+    if result.is_none() {
+        // An export waits or runs only while its job has a result: a database that says otherwise holds up no other.
+        end_of_retried(&mut tx, export.job_seq, now).await?;
+    }
     tx.commit().await?;
-    // The row of an export exists only while its job has a result.
-    let result = result.ok_or_else(|| StoreError::Row("an export of no result".into()))?;
-    Ok(Some(ClaimedExport { export, result, faults }))
+    Ok(match result {
+        Some(result) => Claim::Claimed(Box::new(ClaimedExport { export, result, faults })),
+        None => Claim::Ended(export.id),
+    })
+}
+
+/// What a claim has found.
+enum Claim {
+    None,
+    Claimed(Box<ClaimedExport>),
+    /// An export of a job without a result, which has ended.
+    Ended(ExportId),
 }

@@ -46,6 +46,7 @@ impl Store {
                 drop(writer);
                 store.notify_all(&ids(&asked)?);
                 store.notify_study(id);
+                store.wake_worker();
                 store.wake_webhooks();
                 Ok(study)
             }
