@@ -13,28 +13,39 @@ NAME = re.compile(r"([0-9a-f]{8}-[0-9a-f-]{27})\.")
 
 
 def flip(file, random, begin=0):
-    """Flips a bit of a file from `begin` on; its length and time stay the same. Returns its place."""
+    """Flips a bit of a file from `begin` on; its length and time stay. Returns its place and what undoes it."""
     before = file.stat()
     place, bit = random.randrange(begin, before.st_size), 1 << random.randrange(8)
-    _change(file, place, bit)
+    byte = _exchange(file, place, lambda byte: byte ^ bit)
     os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
-    return place, bit
+
+    def undo():
+        # Not where the service has made the file again meanwhile.
+        if file.stat().st_ino == before.st_ino:
+            _exchange(file, place, lambda found: byte if found == byte ^ bit else found)
+
+    return place, undo
 
 
-def _change(file, place, bit):
+def _exchange(file, place, change):
+    """Writes another byte at this place; returns the one before."""
     with file.open("r+b") as out:
         out.seek(place)
         byte = out.read(1)[0]
         out.seek(place)
-        out.write(bytes([byte ^ bit]))
+        out.write(bytes([change(byte)]))
+    return byte
 
 
-def job_of_file(rig, file, act):
-    """Does something with the job to which a file belongs by its name."""
+def remember_removed(rig, file):
+    """A result that the fault itself removes, with its job by the name of the file."""
     found = NAME.match(file.name)
+    if not found:
+        return
+    rig.removed.add(found.group(1))
     for job in list(rig.jobs.values()):
-        if found and job.id == found.group(1):
-            act(job)
+        if job.id == found.group(1):
+            job.damage()
 
 
 def _victim(rig, random, ending):
@@ -58,7 +69,7 @@ def result_flipped(rig, random):
     done = job.done
     job.damage()
     try:
-        place, bit = flip(file, random)
+        place, undo = flip(file, random)
     except OSError:
         job.heal()
         return
@@ -67,7 +78,7 @@ def result_flipped(rig, random):
     rig.stopping.wait(random.uniform(0, 1))
     # Half of the clients find it and let it be packed again.
     if random.random() < 0.5 and job.done == done:
-        _restore(rig, job, done, lambda: _change(file, place, bit))
+        _restore(rig, job, done, undo)
 
 
 def _restore(rig, job, done, change):
@@ -104,7 +115,7 @@ def export_flipped(rig, random):
     done = job.done
     job.damage()
     try:
-        place, bit = flip(file, random)
+        place, undo = flip(file, random)
     except OSError:
         job.heal()
         return
@@ -113,7 +124,7 @@ def export_flipped(rig, random):
 
     for what in EXPORTS:
         _read(rig, job, [f"/v1/jobs/{job.id}/exports/{what}"], what, place)
-    _restore(rig, job, done, lambda: _change(file, place, bit))
+    _restore(rig, job, done, undo)
 
 
 def checkpoint_flipped(rig, random):

@@ -200,15 +200,30 @@ class Honest:
             judge_bytes(self.rig, job, what, span, answer, request)
         elif answer.status == 404:
             self.missing(job, request, answer)
+        elif answer.status == 409 and "/exports/" in path:
+            self.without_export(job, began, path, answer)
         elif answer.status in (409, 410):
             self.without_result(job, began, request, answer)
         else:
             self.accepted(answer, {200}, request)
 
+    def without_export(self, job, began, path, answer):
+        """An export failed: it may have met a fault. It is deleted, and requested again by a later action."""
+        self.client.ask("DELETE", path)
+        if job.is_damaged(began) or job.retried or job.id in self.rig.removed:
+            return
+        job.failed_exports += 1
+        self.rig.ledger.count("exports that failed beside a fault")
+        if job.failed_exports > 5:
+            self.rig.broke_other(f"exports of {job.id} fail again and again", f"GET {path}", answer)
+
     def without_result(self, job, began, request, answer):
         """The file of a result is missing or damaged, or an export of it failed: is it the work of these tests?"""
         if job.is_damaged(began) or job.retried or self.rig.windows.allows(began, time.monotonic(), 0.5):
             self.rig.ledger.count("damaged files reported")
+            return
+        if job.id in self.rig.removed:
+            job.damage()
             return
         lose(self.rig, job, "its result is not there", request, answer)
 
@@ -220,9 +235,9 @@ class Honest:
         job.cancelled = True
         self.accepted(self.client.ask("POST", f"/v1/jobs/{job.id}/cancel"), {200, 202, 409}, f"cancel {job.id}")
 
-    def retry(self):
+    def retry(self, job=None):
         """Retries a job that was cancelled or failed, or whose result is damaged."""
-        job = self.one(lambda job: job.id and (job.state in ("cancelled", "failed") or job.damaged))
+        job = job or self.one(lambda job: job.id and (job.state in ("cancelled", "failed") or job.damaged))
         if not job:
             return
         damaged, before = job.damaged, job.done

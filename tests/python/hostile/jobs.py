@@ -23,6 +23,7 @@ class Job:
         self.done = None
         self.cancelled = self.retried = False
         self.deleted = self.lost = False
+        self.failed_exports = 0
         # First bytes of formats and exports that contain times or the ID.
         self.firsts = {}
         # A file of it is damaged or missing at present; when it was put right.

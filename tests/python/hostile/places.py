@@ -42,6 +42,7 @@ def data_moved(rig, random):
     """The data directory is moved away and, later, back."""
     with rig.windows.open("moved"):
         away = rig.disk / "away"
+        rig.results_were_away = True
         os.rename(rig.data, away)
 
         def put_back():
@@ -103,13 +104,14 @@ def results_moved(rig, random):
     with rig.windows.open("results moved"):
         folder = rig.artifacts() if rig.blobs is None or random.random() < 0.5 else rig.blobs
         away, empty = rig.disk / "away", random.random() < 0.5
+        rig.results_were_away = True
         os.rename(folder, away)
         if empty:
             folder.mkdir(exist_ok=True)
         rig.stopping.wait(random.uniform(1, 4))
         for file in folder.rglob("*.packstone") if folder.exists() else ():
             # Results that were written meanwhile go with the folder.
-            flips.job_of_file(rig, file, lambda job: job.damage())
+            flips.remember_removed(rig, file)
         shutil.rmtree(folder, ignore_errors=True)
         os.rename(away, folder)
         if rig.service.poll() is not None:

@@ -47,6 +47,8 @@ class Rig:
         # One service has little memory; the other one has a bound that protects this machine.
         self.address_space_kib = (1 if with_keys else 4) << 20
         self.is_dead, self.workers = False, 0
+        # Jobs whose results a fault itself has removed.
+        self.removed, self.results_were_away = set(), False
         if with_keys:
             self._make_keys()
 
