@@ -156,8 +156,7 @@ def same_order_at_once(rig, random, source):
     if len(set(made)) > 1:
         rig.ledger.broke(DOUBLED, rig.name, f"one order made {set(made)}", f"Idempotency-Key {key}")
     for identity in set(made):
-        client.ask("POST", f"/v1/jobs/{identity}/cancel")
-        client.ask("DELETE", f"/v1/jobs/{identity}")
+        rig.remove(client, identity)
 
 
 def malformed(rig, random, source):

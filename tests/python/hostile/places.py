@@ -178,7 +178,8 @@ def audit_log_hangs(rig, random):
     try:
         if is_served(rig, "an audit log that hangs"):
             body = bodies.body("quick", 1, f"audit-{random.randrange(1 << 40)}")
-            if rig.client("anna", honest=False).ask("POST", "/v1/jobs", body, timeout=MOST_ANSWER_S) is None:
+            answer = rig.client("anna", honest=False).ask("POST", "/v1/jobs", body, timeout=MOST_ANSWER_S)
+            if answer is None:
                 rig.broke_other(f"a submission waits {MOST_ANSWER_S:g} s for an audit log that hangs")
     finally:
         # A writer that waits for a reader is released by one.

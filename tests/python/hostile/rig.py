@@ -18,6 +18,7 @@ DISK_BYTES = 96 << 20
 # A start, a stop or the end of a service that found its store replaced take no longer, on a busy machine either.
 MOST_START_S = 60.0
 MOST_STOP_S = 15.0
+LONGEST_LOG_BYTES = 16 << 20
 # The service reads the file of keys at most this long after it changed.
 KEYS_READ_S = 4.0
 
@@ -76,6 +77,15 @@ class Rig:
         """The folder of results and exports."""
         return (self.blobs or self.data) / "artifacts"
 
+    def remove(self, client, identity):
+        """Cancels and deletes a job that no honest client looks after."""
+        client.ask("POST", f"/v1/jobs/{identity}/cancel")
+        for _ in range(20):
+            answer = client.ask("DELETE", f"/v1/jobs/{identity}")
+            if self.stopping.is_set() or (answer and answer.status in (204, 404)):
+                return
+            self.stopping.wait(0.1)
+
     def client(self, name=None, source="127.0.0.1", honest=True):
         """A client with the key of that name, where there are keys."""
         return Client(self, self.keys[name][0] if name and self.with_keys else None, source, honest)
@@ -92,6 +102,8 @@ class Rig:
             command += ["--api-keys-file", self.keys_file, "--audit-log", self.folder / "audit"]
         else:
             command += ["--blobs", self.blobs]
+        for name in ("serve.log", "worker.log", "audit"):
+            self._shorten(self.folder / name)
         with open(self.folder / "serve.log", "ab") as own:
             self.service = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=own if log is None else log,
@@ -104,6 +116,11 @@ class Rig:
             return False
         self.follow_memory()
         return True
+
+    def _shorten(self, file):
+        """Keeps a log of an hour from filling the disk of this machine."""
+        if file.is_file() and file.stat().st_size > LONGEST_LOG_BYTES:
+            file.replace(file.with_name(file.name + ".1"))
 
     def _first_line(self, process):
         """The line of the service's standard output, which is then left to itself."""

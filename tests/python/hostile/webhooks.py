@@ -1,5 +1,7 @@
 """Receivers of webhooks on this machine: one that works, and hosts that accept and never answer."""
 
+import base64
+import hmac
 import re
 import socket
 import subprocess
@@ -18,7 +20,8 @@ class Receivers:
     """A listener for each host, all on one port of the loopback network."""
 
     def __init__(self):
-        self.held, self.delivered = [], set()
+        self.held, self.delivered, self.unsigned = [], set(), 0
+        self.secret = self.key = None
         for _ in range(20):
             listeners = self._listen()
             if listeners:
@@ -46,11 +49,12 @@ class Receivers:
 
     def options(self, binary, folder):
         """The options of a service that may send here."""
-        secret = folder / "webhook-secret"
-        if not secret.exists():
+        if self.secret is None:
+            self.secret = folder / "webhook-secret"
             made = subprocess.run([binary, "webhook-secret"], capture_output=True, text=True, check=True)
-            secret.write_text(made.stdout)
-        return ["--webhook-secret-file", secret, "--webhook-allowed-host", ",".join([*HANGING, GOOD])]
+            self.secret.write_text(made.stdout)
+            self.key = base64.b64decode(made.stdout.strip().removeprefix("whsec_"))
+        return ["--webhook-secret-file", self.secret, "--webhook-allowed-host", ",".join([*HANGING, GOOD])]
 
     def _accept(self, listener):
         while True:
@@ -66,20 +70,29 @@ class Receivers:
         connection.settimeout(5)
         data = b""
         try:
-            while b"\r\n\r\n" not in data or len(data) < 200:
+            while b"\r\n\r\n" not in data or not data.endswith(b"}"):
                 block = connection.recv(65536)
                 if not block:
-                    break
+                    return
                 data += block
-                found = re.match(rb"POST /(\S+) ", data)
-                if found and b'"type"' in data:
-                    self.delivered.add(found.group(1).decode())
-                    connection.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
-                    break
+            if self._is_signed(data):
+                self.delivered.add(re.match(rb"POST /(\S+) ", data).group(1).decode())
+                connection.sendall(b"HTTP/1.1 204 No Content\r\n\r\n")
+            else:
+                self.unsigned += 1
+                connection.sendall(b"HTTP/1.1 401 Unauthorized\r\nContent-Length: 0\r\n\r\n")
         except OSError:
             pass
         finally:
             connection.close()
+
+    def _is_signed(self, data):
+        """Whether a message has the signature of the secret (Standard Webhooks)."""
+        head, _, body = data.partition(b"\r\n\r\n")
+        fields = {name.lower(): value for name, value in re.findall(rb"\r\n(webhook-[a-z]+): *([^\r]*)", head, re.I)}
+        text = fields[b"webhook-id"] + b"." + fields[b"webhook-timestamp"] + b"." + body
+        right = b"v1," + base64.b64encode(hmac.digest(self.key, text, "sha256"))
+        return right in fields[b"webhook-signature"].split()
 
     def attack(self, rig, random):
         """Many messages to hosts that hang, and one to a good one, which is not held up."""
@@ -96,6 +109,10 @@ class Receivers:
                 rig.stopping.wait(0.3)
             return None
 
+        # Cut as a full disk would: what is left may be a secret, of fewer bytes.
+        whole, unsigned = self.secret.read_bytes(), self.unsigned
+        if random.random() < 0.7:
+            self.secret.write_bytes(whole[: len("whsec_") + random.choice([10, 32, 36, 40])])
         made = [submit(host) for host in HANGING]
         good = submit(GOOD)
         made.append(good)
@@ -106,5 +123,8 @@ class Receivers:
         rig.ledger.peak("longest time to a webhook beside hosts that hang, s", round(took, 1))
         if good and mark not in self.delivered and not rig.stopping.is_set():
             rig.broke_other(f"a webhook was not delivered within {took:.0f} s beside hosts that hang")
+        if self.unsigned > unsigned:
+            rig.broke_other("a webhook was signed by a part of its secret")
+        self.secret.write_bytes(whole)
         for identity in filter(None, made):
-            client.ask("DELETE", f"/v1/jobs/{identity}")
+            rig.remove(client, identity)
