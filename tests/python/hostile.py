@@ -14,6 +14,7 @@ under faults", explains the table.
 """
 
 import argparse
+import ctypes
 import os
 import random
 import shutil
@@ -61,7 +62,7 @@ def supervise(options, binary):
     command += ["--verbose"] if options.verbose else []
     if has_namespaces():
         command = NAMESPACES + command
-    inner = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    inner = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=end_with_parent)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda *_: sys.exit(130))
     try:
@@ -80,6 +81,11 @@ def supervise(options, binary):
             print(f"kept: {folder}")
         else:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def end_with_parent():
+    """Lets the kernel end this process with its parent, however that ends (PR_SET_PDEATHSIG)."""
+    ctypes.CDLL(None, use_errno=True).prctl(1, signal.SIGKILL)
 
 
 def has_namespaces():

@@ -11,6 +11,8 @@ from .ledger import DOUBLED, RIGHTS
 from .places import is_served
 from .wire import connect, first_answer, send, status_of
 
+# A service that reads no more of what is sent holds an attacker up for so long at most.
+MOST_OPENING_S = 6.0
 JSON = b"Content-Type: application/json\r\n"
 
 
@@ -59,13 +61,15 @@ def judge(rig, request, answer, seen=None):
 
 
 def many(rig, source, number, data, receive=None):
-    """Opens so many connections and sends these bytes, or those of each number, on each."""
-    found = []
+    """Opens so many connections and sends these bytes, or those of each number, on each, as far as they are read."""
+    found, end = [], time.monotonic() + MOST_OPENING_S
     for index in range(number):
+        if time.monotonic() > end or rig.stopping.is_set():
+            break
         connection = connect(rig, source, receive=receive)
         if connection is None:
             continue
-        connection.settimeout(2.0)
+        connection.settimeout(1.0)
         text = data(index) if callable(data) else data
         if text and not send(connection, text):
             drop(rig, connection)
@@ -82,9 +86,9 @@ def head(method, target, *fields, host=b"localhost"):
 def slow_bodies(rig, random, source):
     """Bodies of a stated length that come byte by byte, and never whole."""
     target = random.choice([b"/v1/jobs", b"/v1/plans", b"/v1/studies", b"/session", b"/v1/leases"])
-    length = random.choice([100, 4000, 1 << 20, 16 << 20])
+    length = random.choice([100, 4000, 1 << 20, 16 << 20, 16 << 20])
     begin = head(b"POST", target, JSON, b"Sec-Fetch-Site: same-origin\r\n", b"Content-Length: %d\r\n\r\n" % length)
-    part = b" " * min(length - 1, random.choice([1, 1000, 200_000]))
+    part = b" " * min(length - 1, random.choice([1, 200_000, length, length]))
     hold(rig, many(rig, source, 60, begin + part), random.uniform(1, 4), b" ", "slow bodies")
 
 

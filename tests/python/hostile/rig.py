@@ -15,6 +15,8 @@ from .wire import Client
 
 # A disk of its own that holds all jobs which the clients keep, with room to spare.
 DISK_BYTES = 96 << 20
+# A service serves within this, whatever clients do.
+ADDRESS_SPACE_KIB = 1 << 20
 # A start, a stop or the end of a service that found its store replaced take no longer, on a busy machine either.
 MOST_START_S = 60.0
 MOST_STOP_S = 15.0
@@ -45,8 +47,6 @@ class Rig:
         self.service = self.worker = None
         self.keys = {}
         self.options = []
-        # One service has little memory; the other one has a bound that protects this machine.
-        self.address_space_kib = (1 if with_keys else 4) << 20
         self.is_dead, self.workers = False, 0
         # Jobs whose results a fault itself has removed.
         self.removed, self.results_were_away = set(), False
@@ -94,7 +94,7 @@ class Rig:
 
     def start(self, more=(), log=None):
         """Starts the service and waits until it says that it listens; returns whether it does."""
-        command = ["sh", "-c", 'ulimit -v "$0" && exec "$@"', str(self.address_space_kib)]
+        command = ["sh", "-c", 'ulimit -v "$0" && exec "$@"', str(ADDRESS_SPACE_KIB)]
         command += [self.binary, "serve", "--data-dir", self.data, "--listen", f"127.0.0.1:{self.port}"]
         command += ["--workers", "1", "--checkpoint-every-s", "0", "--sweep-interval-s", "1", "--lease-s", "5"]
         command += ["--export-cache-bytes", "4000000", *self.options, *more]
