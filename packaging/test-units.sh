@@ -33,11 +33,10 @@ echo 'the package and its configuration'
 cp "$package" "$root/packstone.deb"
 inside dpkg --install /packstone.deb >"$work/dpkg.log"
 etc=$root/etc/packstone
-inside packstone key me --role submit >"$work/me" 2>/dev/null
-inside packstone key cluster --role worker >"$work/cluster" 2>/dev/null
-sed -n 2p "$work/me" >"$etc/keys.txt"
-sed -n 2p "$work/cluster" >>"$etc/keys.txt"
-install -m 0600 <(sed -n 1p "$work/cluster") "$etc/worker.key"
+inside packstone key me --add-to /etc/packstone/keys.txt >"$work/me" 2>/dev/null
+inside packstone key cluster --role worker --add-to /etc/packstone/keys.txt >"$work/cluster" 2>/dev/null
+chmod 0644 "$etc/keys.txt"
+install -m 0600 "$work/cluster" "$etc/worker.key"
 printf '%s\n' PACKSTONE_API_KEYS_FILE=/etc/packstone/keys.txt PACKSTONE_WORKERS=0 >>"$etc/packstone.env"
 sed -i 's|^PACKSTONE_SERVER=.*|PACKSTONE_SERVER=http://127.0.0.1:8080|' "$etc/packstone-worker.env"
 inside systemctl enable --quiet packstone packstone-worker

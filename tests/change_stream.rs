@@ -131,7 +131,7 @@ async fn each_key_hears_of_what_it_may_see_and_a_withdrawn_one_of_nothing() {
 
     let text = std::fs::read_to_string(&keys.file).unwrap();
     let rest: Vec<&str> = text.lines().filter(|line| !line.contains("carl")).collect();
-    std::fs::write(&keys.file, rest.join("\n")).unwrap();
+    std::fs::write(&keys.file, rest.join("\n") + "\n").unwrap();
     let [_, _, of_carl] = streams;
     assert_eq!(of_carl.rest().await.len(), 0, "the stream of a withdrawn key ends");
     server.stop().await;

@@ -12,7 +12,9 @@ use serde_json::{Value, json};
 use sqlx::Connection as _;
 
 use crate::harness::deadline::{eventually, patiently, within};
-use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs, machine, run};
+use crate::harness::{
+    Client, DataDir, Launch, Server, holds_every_store, id_of, jobs, machine, packstone, run,
+};
 
 /// A data directory on a small file system of its own.
 struct SmallDisk {
@@ -119,6 +121,40 @@ async fn writes_come_back_after_a_full_disk() {
     client.get("/readyz").send().await.expect(200);
     assert!(faults(&client).await >= 1, "no connection was replaced: the test has not met the fault");
     server.stop().await;
+}
+
+#[tokio::test]
+async fn a_backup_to_a_full_disk_ends_with_6_and_leaves_nothing() {
+    if holds_every_store() {
+        return;
+    }
+    let Some(disk) = SmallDisk::mounted(4 << 20) else { return };
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    server.client().succeed(&jobs::quick(1)).await;
+    server.stop().await;
+    let copy = disk.disk.path().join("copy");
+    let args = ["backup", copy.to_str().unwrap(), "--data-dir", data_dir.path().to_str().unwrap()];
+    disk.fill();
+    for left in [0, 200 << 10] {
+        // Room for nothing, then for a part of the database.
+        let filler = fs::OpenOptions::new().write(true).open(disk.filler()).unwrap();
+        filler.set_len(filler.metadata().unwrap().len() - left).unwrap();
+        let ended = packstone(disk.disk.path(), &args).await;
+        assert_eq!(ended.code, Some(6), "{left}: {ended:?}");
+        let names: Vec<_> =
+            fs::read_dir(disk.disk.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert!(names.iter().all(|name| !name.to_str().unwrap().starts_with("copy")), "{names:?}");
+    }
+    disk.clear();
+    // What a backup that was killed has left.
+    fs::create_dir_all(disk.disk.path().join("copy.tmp/artifacts/00")).unwrap();
+    fs::write(disk.disk.path().join("copy.tmp/packstone.sqlite"), "half").unwrap();
+    let ended = packstone(disk.disk.path(), &args).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(!disk.disk.path().join("copy.tmp").exists() && !copy.join("artifacts/00").exists());
+    let checked = packstone(disk.disk.path(), &["check", copy.to_str().unwrap()]).await;
+    assert_eq!(checked.code, Some(0), "{checked:?}");
 }
 
 #[tokio::test]

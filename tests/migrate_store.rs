@@ -20,9 +20,11 @@ impl Keys {
     async fn make() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let (mut lines, mut keys) = (String::new(), Vec::new());
-        for args in
-            [&["root"][..], &["anna", "--role", "submit", "--owner", "lab"], &["carl", "--role", "submit"]]
-        {
+        for args in [
+            &["root", "--role", "admin"][..],
+            &["anna", "--role", "submit", "--owner", "lab"],
+            &["carl", "--role", "submit"],
+        ] {
             let made = packstone(folder.path(), &[&["key"], args].concat()).await;
             let mut printed = made.stdout.lines();
             keys.push(printed.next().unwrap().to_owned());

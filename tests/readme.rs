@@ -1,7 +1,7 @@
 //! The commands of `README.md`, run as they stand there: every block fenced as `sh`, in one shell, in this order.
 //!
-//! Left out are lines that begin with `cargo `: the binary under test takes their place. The port 8080 is replaced by
-//! a free one.
+//! Left out are lines that begin with `cargo `: the binary under test takes their place. The ports 8080 and 8081
+//! are replaced by free ones.
 
 use std::fs;
 use std::path::Path;
@@ -35,14 +35,17 @@ async fn the_commands_of_the_readme_run_as_pasted() {
         directory.path().join("examples"),
     )
     .unwrap();
-    let port = port();
+    let (port, network) = (port(), port());
     let commands = commands();
     for command in ["demo", "plan", "run", "export", "study", "serve", "key"] {
         assert!(commands.contains(&format!("packstone {command}")), "{command} is not in the README");
     }
     let script = format!(
         "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null' EXIT\n{}",
-        commands.replace("localhost:8080", &format!("127.0.0.1:{port}"))
+        commands
+            .replace("localhost:8080", &format!("127.0.0.1:{port}"))
+            .replace("localhost:8081", &format!("127.0.0.1:{network}"))
+            .replace("0.0.0.0:8081", &format!("0.0.0.0:{network}"))
     );
     let binaries = Path::new(env!("CARGO_BIN_EXE_packstone")).parent().unwrap().to_owned();
     let path = format!("{}:{}", binaries.display(), std::env::var("PATH").unwrap());
@@ -71,6 +74,7 @@ async fn the_commands_of_the_readme_run_as_pasted() {
         assert!(fs::metadata(directory.path().join(file)).is_ok_and(|file| file.len() > 0), "{file}");
     }
     assert!(stdout.contains("\"state\": \"succeeded\""), "{stdout}");
+    assert!(stdout.contains("\"name\":\"laboratory\""), "the server on a network knows the key: {stdout}");
 }
 
 /// Links to files of the repository lead somewhere.

@@ -152,7 +152,7 @@ async fn a_session_ends_on_request_with_its_key_and_with_the_process() {
     let carl = cookie(&sign_in(&client, key(&keys, "carl")).await);
     let text = fs::read_to_string(&keys.file).unwrap();
     let rest: Vec<&str> = text.lines().filter(|line| !line.contains("anna")).collect();
-    fs::write(&keys.file, rest.join("\n")).unwrap();
+    fs::write(&keys.file, rest.join("\n") + "\n").unwrap();
     crate::harness::deadline::patiently("the withdrawn key to count", async {
         while read(&second).await.status != 401 {}
     })

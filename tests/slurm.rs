@@ -185,7 +185,7 @@ async fn pilots_pack_the_jobs_of_a_server_and_hand_them_on() {
     let Some(slurm) = Slurm::start().await else { return };
     let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
     let made = packstone(folder.path(), &["key", "pilots", "--role", "worker"]).await;
-    let admin = packstone(folder.path(), &["key", "root"]).await;
+    let admin = packstone(folder.path(), &["key", "root", "--role", "admin"]).await;
     let (key, line) = made.stdout.trim().split_once('\n').unwrap();
     let (admin, admin_line) = admin.stdout.trim().split_once('\n').unwrap();
     fs::write(folder.path().join("worker.key"), key).unwrap();

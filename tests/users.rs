@@ -49,7 +49,7 @@ impl Keys {
 /// An administrator, two keys of a laboratory, another user, and a key for the metrics.
 pub(crate) async fn laboratory() -> Keys {
     Keys::make(&[
-        (&["root"], ""),
+        (&["root", "--role", "admin"], ""),
         (&["anna", "--role", "submit", "--owner", "lab"], ""),
         (&["bert", "--role", "read", "--owner", "lab"], ""),
         (&["carl", "--role", "submit"], ""),
@@ -272,12 +272,9 @@ async fn keys_of_one_owner_share_idempotency_keys_and_those_of_others_do_not() {
 }
 
 #[tokio::test]
-async fn a_client_learns_what_its_key_may_do_and_old_lines_may_do_all() {
+async fn a_client_learns_what_its_key_may_do() {
     let keys = laboratory().await;
     let data_dir = DataDir::new();
-    // A line as earlier versions printed it.
-    let text = fs::read_to_string(&keys.file).unwrap().replace(" role=admin", "");
-    fs::write(&keys.file, text).unwrap();
     let server = keys.launch(&data_dir).start().await;
     for (name, owner, role) in [
         ("root", "root", "admin"),
@@ -382,7 +379,7 @@ async fn a_key_that_sends_too_many_requests_waits_and_no_other_does() {
     let keys = Keys::make(&[
         (&["anna", "--role", "submit"], ""),
         (&["carl", "--role", "submit"], ""),
-        (&["root"], "max_requests_per_second=none"),
+        (&["root", "--role", "admin"], "max_requests_per_second=none"),
         (&["emma", "--max-requests-per-second", "2.5"], ""),
     ])
     .await;

@@ -23,7 +23,7 @@ KEY = "packstone_" + 64 * "0"
 def locked_server(tmp_path: Path) -> Iterator[LiveServer]:
     """A server that asks for a key."""
     keys = tmp_path / "keys.txt"
-    keys.write_text(f"{hashlib.sha256(KEY.encode()).hexdigest()} lab\n")
+    keys.write_text(f"{hashlib.sha256(KEY.encode()).hexdigest()} lab role=admin\n")
     with LiveServer(tmp_path, "--api-keys-file", str(keys)) as live:
         yield live
 

@@ -120,7 +120,7 @@ fn write_partial<T, E: From<io::Error>>(
 }
 
 /// The name under which a file is written.
-fn partial_of(file: &Path) -> PathBuf {
+pub(crate) fn partial_of(file: &Path) -> PathBuf {
     let mut name = file.as_os_str().to_owned();
     name.push(PARTIAL);
     PathBuf::from(name)

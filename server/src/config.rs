@@ -14,7 +14,7 @@ use crate::blobs::Place;
 use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
 use crate::memory;
-use crate::telemetry::LogFormat;
+use crate::telemetry::{self, LogFormat};
 use crate::webhooks::WebhookRules;
 use crate::webhooks::rules::allowed_host;
 
@@ -23,6 +23,8 @@ use crate::webhooks::rules::allowed_host;
 const MEMORY_SHARE: f64 = 0.8;
 /// Bytes that files made of results may hold, as long as nobody has asked for them to be kept.
 pub(crate) const DEFAULT_DERIVED_CACHE_BYTES: u64 = 10_000_000_000;
+/// Longest request that is read, of a body or of a file.
+pub(crate) const DEFAULT_MAX_BODY_BYTES: u64 = 16 << 20;
 /// Work of this long may be lost to a crash, in s.
 pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
@@ -71,7 +73,8 @@ pub(crate) struct ServeOptions {
     /// again when they are requested
     #[arg(long, env = "PACKSTONE_EXPORT_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]
     pub(crate) export_cache_bytes: u64,
-    /// File with one line per API key: its SHA-256 in hexadecimal and a name (see `packstone key`)
+    /// File with one line per API key: its SHA-256 in hexadecimal, a name and its role (see `packstone key --add-to`);
+    /// read again when it changes
     #[arg(long, env = "PACKSTONE_API_KEYS_FILE")]
     pub(crate) api_keys_file: Option<PathBuf>,
     /// File to which a line of JSON is appended for each request that changes something [default: none]
@@ -81,11 +84,11 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
     /// Trust `X-Forwarded-For` for the client's address in the log: the server is behind a proxy that sets it
-    #[arg(long, env = "PACKSTONE_TRUST_PROXY")]
+    #[arg(long, env = "PACKSTONE_TRUST_PROXY", value_parser = BoolishValueParser::new())]
     pub(crate) trust_proxy: bool,
     /// Name that clients may use for this server in `Host`, beside localhost; counts where it listens on loopback
     /// without API keys (may be repeated)
-    #[arg(long, env = "PACKSTONE_ALLOWED_HOST", value_delimiter = ',')]
+    #[arg(long, env = "PACKSTONE_ALLOWED_HOST", value_name = "NAME", value_delimiter = ',', value_parser = allowed_host)]
     pub(crate) allowed_host: Vec<String>,
     /// Folder from which the files of the web page are read at each request, in place of those of the program: for its
     /// development
@@ -121,7 +124,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_MAX_QUEUED", default_value_t = 100_000)]
     pub(crate) max_queued: u64,
     /// Longest body of a request, in bytes
-    #[arg(long, env = "PACKSTONE_MAX_BODY_BYTES", default_value_t = 16 << 20)]
+    #[arg(long, env = "PACKSTONE_MAX_BODY_BYTES", default_value_t = DEFAULT_MAX_BODY_BYTES)]
     pub(crate) max_body_bytes: u64,
     /// Most open connections
     #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024)]
@@ -299,6 +302,28 @@ pub(crate) fn without_empty_variables(command: Command) -> Command {
         if empty { arg.env(Resettable::Reset) } else { arg }
     });
     command.mut_subcommands(without_empty_variables)
+}
+
+/// Variables of the environment that look like options of this program and are none: misspelled ones, which would leave
+/// an option with its default without a word.
+pub(crate) fn unknown_variables(command: &Command) -> Vec<String> {
+    let mut known: Vec<String> = vec![telemetry::FILTER_VARIABLE.into()];
+    let commands = std::iter::once(command).chain(command.get_subcommands());
+    let variables = commands.flat_map(Command::get_arguments).filter_map(clap::Arg::get_env);
+    known.extend(variables.filter_map(|name| name.to_str().map(str::to_owned)));
+    let set = std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value)));
+    let unknown = set.filter(|(name, value)| {
+        // Kubernetes sets variables that describe services by their names.
+        let of_kubernetes = name.contains("_SERVICE_HOST")
+            || name.contains("_SERVICE_PORT")
+            || name.contains("_PORT_")
+            || value.to_str().is_some_and(|value| value.starts_with("tcp://"));
+        name.starts_with("PACKSTONE_")
+            && !name.starts_with("PACKSTONE_TEST_")
+            && !known.contains(name)
+            && !of_kubernetes
+    });
+    unknown.map(|(name, _)| name).collect()
 }
 
 /// An address to listen on: numbers, a name, or a port alone for all addresses.

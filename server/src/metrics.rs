@@ -12,6 +12,7 @@ use std::time::Duration;
 use crate::exports::ExportState;
 use crate::jobs::State;
 use crate::jobs::store::{ForecastWork, UNKNOWN_FORECAST};
+use crate::telemetry;
 
 /// Upper bounds of the classes of a request's time, in s.
 const REQUEST_BOUNDS_S: &[f64] = &[0.001, 0.005, 0.025, 0.1, 0.5, 2.5, 10.0, 60.0];
@@ -146,6 +147,12 @@ impl Metrics {
         self.over_rate.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Lines of the audit log that could not be written.
+    #[cfg(test)]
+    pub(crate) fn audit_lines_lost(&self) -> u64 {
+        self.audit_lines_lost.load(Ordering::Relaxed)
+    }
+
     /// A line of the audit log could not be written.
     pub(crate) fn audit_line_lost(&self) {
         self.audit_lines_lost.fetch_add(1, Ordering::Relaxed);
@@ -238,6 +245,9 @@ impl Metrics {
         let name = "packstone_audit_lines_lost_total";
         out.head(name, "counter", "Lines of the audit log that could not be written.");
         out.line(name, "", self.audit_lines_lost.load(Ordering::Relaxed));
+        let name = "packstone_log_lines_lost_total";
+        out.head(name, "counter", "Lines of the log that could not be written to standard error.");
+        out.line(name, "", telemetry::lost_lines());
         process(&mut out);
         out.head("packstone_http_connections", "gauge", "Open connections.");
         out.line("packstone_http_connections", "", gauges.connections);

@@ -23,7 +23,7 @@ use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
 use crate::disk::Disk;
 use crate::exports::making::Exports;
-use crate::http::{self, App};
+use crate::http::{self, App, OperatorFiles};
 use crate::http_server;
 use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
@@ -43,6 +43,9 @@ const STOP_RUNS: Duration = Duration::from_secs(8);
 
 /// Time between two looks for jobs that an idle worker was not told of.
 const LOOK_FOR_JOBS: Duration = Duration::from_secs(2);
+
+/// Time between two looks at the files of settings.
+const SETTINGS_EVERY: Duration = Duration::from_secs(1);
 
 /// Time between two looks at the room for results, and for the reserve of disk space.
 const ROOM_EVERY: Duration = Duration::from_secs(1);
@@ -108,7 +111,7 @@ pub(crate) struct Service {
     listener: TcpListener,
     connections: Arc<Semaphore>,
     options: ServeOptions,
-    webhook_secrets: Option<SecretsFile>,
+    files: OperatorFiles,
     reload: Arc<Notify>,
     // Held, never read: the lock ends with it.
     _lock: File,
@@ -125,9 +128,11 @@ impl Service {
             return Err(StartError::Open(options.listen));
         }
         let webhook_secrets = options.webhook_secret_file.clone().map(SecretsFile::open).transpose()?;
+        let webhook_secrets = webhook_secrets.map(Arc::new);
+        let metrics = Arc::new(Metrics::default());
         let audit = match options.audit_log.clone() {
             Some(path) => {
-                let opened = AuditLog::open(path.clone());
+                let opened = AuditLog::open(path.clone(), Arc::clone(&metrics));
                 Some(Arc::new(opened.map_err(|error| StartError::AuditLog(path, error))?))
             }
             None => None,
@@ -190,10 +195,10 @@ impl Service {
         if recovered > 0 {
             tracing::info!(recovered, "models that were being made were taken back");
         }
-        let metrics = Arc::new(Metrics::default());
         let shutdown = CancellationToken::new();
-        let files = options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
-        options.max_connections = descriptors::provide(options.max_connections, files)?;
+        let open_files =
+            options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
+        options.max_connections = descriptors::provide(options.max_connections, open_files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
         let storage =
             Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
@@ -203,10 +208,11 @@ impl Service {
         let slots = Slots::new(options.workers());
         let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics };
         let connected = Arc::clone(&connections);
-        let app = App::new(&options, &packings, shutdown.clone(), &here, accounts, audit, connected);
+        let files = OperatorFiles { accounts, webhook_secrets, audit };
+        let app = App::new(&options, &packings, shutdown.clone(), &here, files.clone(), connected);
         let executor = Executor { kind: packings, shutdown };
         let reload = Arc::default();
-        Ok(Self { app, executor, here, listener, connections, options, webhook_secrets, reload, _lock: lock })
+        Ok(Self { app, executor, here, listener, connections, options, files, reload, _lock: lock })
     }
 
     /// Where it listens.
@@ -214,7 +220,7 @@ impl Service {
         self.listener.local_addr()
     }
 
-    /// Notified when the files of the configuration are to be read again: the API keys.
+    /// Notified when the files of settings are to be read again at once: API keys and secrets of webhooks.
     pub(crate) fn reload(&self) -> Arc<Notify> {
         Arc::clone(&self.reload)
     }
@@ -227,11 +233,12 @@ impl Service {
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
     pub(crate) async fn serve(self) {
-        let Self { app, executor, here, listener, connections, options, webhook_secrets, reload: _, _lock } =
-            self;
+        let Self { app, executor, here, listener, connections, options, files, reload, _lock } = self;
         let (store, shutdown) = (here.store.clone(), executor.shutdown.clone());
         let router = http::router(app.clone());
-        let workers = tasks::spawn(work(executor, here, options.clone(), webhook_secrets));
+        tasks::spawn(watch_settings(files.clone(), reload, shutdown.clone()));
+        let workers = tasks::spawn(work(executor, here, options.clone(), files.webhook_secrets));
+        let audit = files.audit;
         app.set_ready(true);
         let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
@@ -251,6 +258,9 @@ impl Service {
         if timeout(Duration::from_secs(1), store.close()).await.is_err() {
             tracing::warn!("the store did not close in time; nothing is lost by it");
         }
+        if let Some(audit) = audit {
+            let _ = tasks::blocking(move || audit.close()).await;
+        }
         tracing::info!("stopped");
     }
 }
@@ -261,7 +271,7 @@ async fn work(
     executor: Executor<Packings>,
     here: Here,
     options: ServeOptions,
-    webhook_secrets: Option<SecretsFile>,
+    webhook_secrets: Option<Arc<SecretsFile>>,
 ) {
     let Executor { kind: packings, shutdown } = &executor;
     let rules = options.sweep_rules();
@@ -316,6 +326,22 @@ async fn work(
     while let Some(ended) = running.join_next().await {
         if let Err(error) = ended {
             tracing::error!(%error, "a worker ended by a defect of this program");
+        }
+    }
+}
+
+/// Reads files of settings again once they have changed, and at once where that is requested by a signal.
+async fn watch_settings(files: OperatorFiles, reload: Arc<Notify>, shutdown: CancellationToken) {
+    loop {
+        let look = files.clone();
+        tokio::select! {
+            _ = tasks::blocking(move || look.look()) => {}
+            () = shutdown.cancelled() => return,
+        }
+        tokio::select! {
+            () = sleep(SETTINGS_EVERY) => {}
+            () = reload.notified() => {}
+            () = shutdown.cancelled() => return,
         }
     }
 }

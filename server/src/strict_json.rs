@@ -1,15 +1,21 @@
 //! Parses JSON into a value, and reports the place and the reason of a fault.
 //!
+//! The text is UTF-8 (RFC 8259, section 8.1), with or without a byte order mark. A text in another encoding is refused
+//! with the name of that encoding.
+//!
 //! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
 //! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded by the
 //! length of the text: a value takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes
 //! and as little as four bytes of text.
 
+mod encoding;
+
 use std::cell::Cell;
 use std::fmt;
+use std::io::{self, BufRead};
 
 use packstone_engine::FieldError;
-use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Number, Value};
 use serde_path_to_error::{Path, Segment};
 
@@ -34,6 +40,7 @@ const BYTES_PER_CONTAINER: usize = 16;
 /// `malformed-json` if the text is not JSON; `validation-error` if it is JSON, but a number is too large for a 64-bit
 /// float, a key comes twice, or the document is nested too deep or has too many values.
 pub(crate) fn parse(text: &[u8]) -> Result<Value, Failure> {
+    let text = encoding::utf8(text).map_err(malformed)?;
     let mut json = serde_json::Deserializer::from_slice(text);
     let mut track = serde_path_to_error::Track::new();
     let most_values = (VALUES + text.len() / BYTES_PER_VALUE).min(MAX_VALUES);
@@ -47,6 +54,29 @@ pub(crate) fn parse(text: &[u8]) -> Result<Value, Failure> {
         .map_err(|error| refusal(text, &pointer(&track.path()), &error))?;
     json.end().map_err(|error| refusal(text, "", &error))?;
     Ok(value)
+}
+
+/// Reads a document of a known form from a file, which may be longer than what [`parse`] reads at once.
+///
+/// # Errors
+/// Those of the file, and where the document is not of that form or in another encoding.
+pub(crate) fn from_file<T: DeserializeOwned>(mut file: impl BufRead) -> io::Result<T> {
+    let invalid = |detail: String| io::Error::new(io::ErrorKind::InvalidData, detail);
+    let begin = file.fill_buf()?;
+    let mark = encoding::byte_order_mark(begin).map_err(invalid)?;
+    file.consume(mark);
+    serde_json::from_reader(file).map_err(|error| {
+        if error.to_string().contains("invalid unicode code point") {
+            return invalid(format!("the text is not UTF-8 ({error})"));
+        }
+        error.into()
+    })
+}
+
+fn malformed(detail: String) -> Failure {
+    let mut failure = Failure::new(FailureCode::MalformedJson, detail.clone());
+    failure.fields = vec![FieldError::new("", detail)];
+    failure
 }
 
 fn refusal(text: &[u8], pointer: &str, error: &serde_json::Error) -> Failure {
@@ -230,6 +260,14 @@ mod tests {
         let text = r#"{"a": [1, -2, 3.5, 1e3, "ü", null, true, {}], "b": 18446744073709551615}"#;
         assert_eq!(parse(text.as_bytes()).unwrap(), serde_json::from_str::<Value>(text).unwrap());
         assert_eq!(parse(b" 1 ").unwrap(), json!(1));
+        let marked = format!("\u{feff}{text}");
+        assert_eq!(parse(marked.as_bytes()).unwrap(), parse(text.as_bytes()).unwrap());
+        let name: Value = from_file(io::Cursor::new(marked)).unwrap();
+        assert_eq!(name["b"], json!(18_446_744_073_709_551_615_u64));
+        let refused = from_file::<Value>(io::Cursor::new(b"\xFF\xFE{\0}\0")).unwrap_err().to_string();
+        assert!(refused.contains("UTF-16"), "{refused}");
+        let refused = from_file::<Value>(io::Cursor::new(b"{\"a\": \"\xFC\"}")).unwrap_err().to_string();
+        assert!(refused.contains("is not UTF-8"), "{refused}");
     }
 
     #[test]
@@ -244,7 +282,7 @@ mod tests {
         assert_eq!(code, ValidationError);
         assert!(pointer.starts_with("/a"), "{pointer}");
         assert!(detail.starts_with("the key \"b~/\" comes twice"), "{detail}");
-        for text in ["", "{", "[1,]", "{\"a\"}", "1 2", "{'a': 1}", "\u{feff}{}", "\"\u{1}\""] {
+        for text in ["", "{", "[1,]", "{\"a\"}", "1 2", "{'a': 1}", "{\u{feff}}", "\"\u{1}\""] {
             assert_eq!(refused(text).0, MalformedJson, "{text}");
         }
         assert_eq!(parse(&[b'"', 0xff, b'"']).unwrap_err().code, MalformedJson);

@@ -1,4 +1,6 @@
-//! A line of the file of keys: `SHA256 NAME [role=ROLE] [owner=OWNER] [max_requests_per_second=N] [QUOTA=N...]`.
+//! A line of the file of keys: `SHA256 NAME role=ROLE [owner=OWNER] [max_requests_per_second=N] [QUOTA=N...]`.
+//!
+//! There is no role by default: a line that is cut, or whose role is misspelled, is refused and gives no right.
 
 use super::quotas::{NONE, QuotaWords, Word};
 use super::{ApiKey, Caller, Role, Submitter, checked_name, checked_owner, read_rate};
@@ -9,8 +11,8 @@ const OPTIONS: &str = "role=, owner=, max_queued=, max_running=, max_grains=, ma
                        max_requests_per_second=";
 
 impl ApiKey {
-    /// Reads a line. A word with an equals sign that is none of these is refused: a misspelt role must not leave the
-    /// key with the default.
+    /// Reads a line. A word with an equals sign that is none of these is refused, and so is one of the name that reads
+    /// like an option: a misspelled quota must not leave the key without it.
     ///
     /// # Errors
     /// What is wrong, in one sentence.
@@ -20,6 +22,11 @@ impl ApiKey {
         let sha256 = hex::decode(digest).and_then(|bytes| bytes.try_into().ok()).ok_or(FORM)?;
         let words: Vec<&str> = rest.split_whitespace().collect();
         let named = words.iter().position(|word| word.contains('=')).unwrap_or(words.len());
+        if let Some(word) = words[..named].iter().find(|word| reads_like_an_option(word)) {
+            return Err(format!(
+                "{word:?} stands in the name and reads like an option: options are {OPTIONS}"
+            ));
+        }
         let key = checked_name(&words[..named].join(" ")).map_err(|_| FORM)?;
         let (mut role, mut owner, mut rate) = (None, None, Word::Absent);
         let mut quotas = QuotaWords::default();
@@ -52,14 +59,19 @@ impl ApiKey {
                 return Err(format!("{option}= is given more than once"));
             }
         }
+        let role = role.ok_or("the role is missing: must be role=metrics, worker, read, submit or admin")?;
         let owner = owner.unwrap_or_else(|| key.clone());
-        let caller = Caller {
-            by: Submitter { key, owner },
-            role: role.unwrap_or_default(),
-            requests_per_second: rate,
-        };
+        let caller = Caller { by: Submitter { key, owner }, role, requests_per_second: rate };
         Ok(Self { caller, quotas, sha256 })
     }
+}
+
+/// Whether a word without an equals sign was meant as an option, as `role:read` or `max_queued-5`.
+fn reads_like_an_option(word: &str) -> bool {
+    let word = word.to_ascii_lowercase();
+    let names = ["role", "owner"].into_iter().filter_map(|name| word.strip_prefix(name));
+    word.starts_with("max_")
+        || names.into_iter().any(|rest| rest.starts_with([':', ';', ',', '.', '-', '_', '\'', '"']))
 }
 
 fn read_role(name: &str) -> Result<Role, String> {
@@ -77,19 +89,19 @@ mod tests {
     }
 
     #[test]
-    fn a_line_names_role_and_owner_and_an_old_line_is_an_administrator() {
+    fn a_line_names_role_and_owner() {
         let caller = |key: &str, owner: &str, role| Caller {
             by: Submitter { key: key.into(), owner: owner.into() },
             role,
             requests_per_second: Word::Absent,
         };
         for (line, expected) in [
-            ("lab", caller("lab", "lab", Role::Admin)),
-            ("soil  lab", caller("soil lab", "soil lab", Role::Admin)),
+            ("lab role=admin", caller("lab", "lab", Role::Admin)),
+            ("soil  lab role=read", caller("soil lab", "soil lab", Role::Read)),
             ("lab role=submit", caller("lab", "lab", Role::Submit)),
             ("anna owner=lab role=read", caller("anna", "lab", Role::Read)),
             ("prometheus role=metrics", caller("prometheus", "prometheus", Role::Metrics)),
-            ("the lab owner=lab", caller("the lab", "lab", Role::Admin)),
+            ("owner role=worker owner=max", caller("owner", "max", Role::Worker)),
         ] {
             assert_eq!(read(line), Ok(expected), "{line}");
         }
@@ -98,17 +110,23 @@ mod tests {
     #[test]
     fn a_line_may_bound_the_requests_in_a_second() {
         let rate = |rest: &str| read(rest).map(|caller| caller.requests_per_second);
-        assert_eq!(rate("lab"), Ok(Word::Absent));
-        assert_eq!(rate("lab max_requests_per_second=0.5"), Ok(Word::Bound(0.5)));
-        assert_eq!(rate("lab max_requests_per_second=none"), Ok(Word::Unbounded));
+        assert_eq!(rate("lab role=read"), Ok(Word::Absent));
+        assert_eq!(rate("lab role=read max_requests_per_second=0.5"), Ok(Word::Bound(0.5)));
+        assert_eq!(rate("lab role=read max_requests_per_second=none"), Ok(Word::Unbounded));
         for bad in ["0", "-1", "inf", "NaN", "", "2 max_requests_per_second=2"] {
-            assert!(rate(&format!("lab max_requests_per_second={bad}")).is_err(), "{bad}");
+            assert!(rate(&format!("lab role=read max_requests_per_second={bad}")).is_err(), "{bad}");
         }
     }
 
     #[test]
     fn a_misspelt_word_never_gives_the_default() {
         for bad in [
+            "lab",
+            "lab submit",
+            "lab role:submit",
+            "lab owner=lab",
+            "lab owner:lab role=submit",
+            "lab max_queued:5 role=submit",
             "lab rol=submit",
             "lab Role=submit",
             "lab role=",

@@ -3,6 +3,7 @@
 //! The server knows only SHA-256 digests of keys, so that its configuration opens nothing. Keys are 256 random bits
 //! from the operating system, so that a digest without salt or stretching is enough.
 
+mod add;
 mod file;
 mod line;
 mod quotas;
@@ -20,6 +21,7 @@ use subtle::ConstantTimeEq as _;
 
 use crate::hex;
 
+pub(crate) use add::{AddError, add_line};
 pub(crate) use file::{KeysError, KeysFile};
 pub(crate) use quotas::Quotas;
 use quotas::{QuotaWords, Word};
@@ -38,7 +40,7 @@ pub(crate) fn digest(key: &str) -> KeyDigest {
 
 /// What an API key may do. `Metrics` may read the metrics and `Worker` may lease jobs and end them, nothing else; each
 /// of the others may do what those before it may but these two, an administrator all.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, ValueEnum)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Role {
@@ -51,7 +53,6 @@ pub(crate) enum Role {
     /// Submits jobs and studies as well, and changes those of its owner.
     Submit,
     /// Reads and changes the jobs and studies of all owners, and reads the metrics of the service.
-    #[default]
     Admin,
 }
 
@@ -79,13 +80,20 @@ pub(crate) struct Submitter {
     pub(crate) owner: String,
 }
 
-/// The user behind a request. Where the server asks for no key, there is one user, without a name, who may do all.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The user behind a request.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Caller {
     pub(crate) by: Submitter,
     pub(crate) role: Role,
     /// What the file of keys says of the requests in a second.
     requests_per_second: Word<f64>,
+}
+
+/// The one user of a server that asks for no key: without a name, and may do all.
+impl Default for Caller {
+    fn default() -> Self {
+        Self { by: Submitter::default(), role: Role::Admin, requests_per_second: Word::Absent }
+    }
 }
 
 impl Caller {
@@ -97,7 +105,6 @@ impl Caller {
 }
 
 /// The keys that open this server.
-#[derive(Default)]
 pub(crate) struct ApiKeys {
     keys: Vec<ApiKey>,
     /// What the file says of quotas, by owner.
@@ -112,11 +119,16 @@ struct ApiKey {
 
 impl fmt::Debug for ApiKeys {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_list().entries(self.keys.iter().map(|key| &key.caller.by.key)).finish()
+        f.debug_list().entries(self.names()).finish()
     }
 }
 
 impl ApiKeys {
+    /// Names of the keys.
+    fn names(&self) -> impl Iterator<Item = &str> {
+        self.keys.iter().map(|key| key.caller.by.key.as_str())
+    }
+
     /// The user whose key this is.
     pub(crate) fn find(&self, key: &str) -> Option<&Caller> {
         let digest = digest(key);
@@ -180,9 +192,21 @@ impl Accounts {
         self.admitted.admit(&caller.by.key, rate, Instant::now()).map_err(|wait| (rate, wait))
     }
 
-    /// The keys as they are now; `None` where the server asks for none.
+    /// The keys as of the last look at their file; `None` where the server asks for none.
     pub(crate) fn keys(&self) -> Option<Arc<ApiKeys>> {
         self.keys.as_ref().map(KeysFile::current)
+    }
+
+    /// Reads the file of keys again if it has changed. Blocks the thread.
+    pub(crate) fn look_at_keys(&self) {
+        if let Some(keys) = &self.keys {
+            keys.look();
+        }
+    }
+
+    /// Whether the keys in force are not those of the file as it is now, because it cannot be used.
+    pub(crate) fn is_keys_file_faulty(&self) -> bool {
+        self.keys.as_ref().is_some_and(KeysFile::is_faulty)
     }
 
     /// What the jobs of an owner may take.

@@ -89,20 +89,13 @@ impl QuotaWords {
         })
     }
 
-    /// Takes what another line says of the same owner.
-    ///
-    /// # Errors
-    /// The name of a quota for which the two lines have other values.
-    pub(super) fn merge(&mut self, mut other: Self) -> Result<(), &'static str> {
-        for ((name, mine), (_, theirs)) in self.fields().into_iter().zip(other.fields()) {
-            match (*mine, *theirs) {
-                (_, Word::Absent) => {}
-                (Word::Absent, given) => *mine = given,
-                (mine, theirs) if mine == theirs => {}
-                _ => return Err(name),
-            }
-        }
-        Ok(())
+    /// The name of a quota that these words set and the `first` line of the same owner does not, or sets to another
+    /// value.
+    pub(super) fn beyond(mut self, mut first: Self) -> Option<&'static str> {
+        let both = self.fields().into_iter().zip(first.fields());
+        both.into_iter()
+            .find(|((_, own), (_, first))| **own != Word::Absent && own != first)
+            .map(|((name, _), _)| name)
     }
 
     /// The quotas, with the defaults of the server for what the file does not say.

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::telemetry::say;
+
 const STEPS: u64 = 1000;
 /// Without a terminal a line is told no more often than this.
 const LINE_EVERY: Duration = Duration::from_secs(10);
@@ -42,13 +44,13 @@ impl Bar {
         let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
         if told.elapsed() >= LINE_EVERY {
             *told = Instant::now();
-            eprintln!("[{:.0} s] {}", self.elapsed().as_secs_f64(), message());
+            say(&format!("[{:.0} s] {}", self.elapsed().as_secs_f64(), message()));
         }
     }
 
     /// Tells a line.
     pub(super) fn say(&self, line: &str) {
-        self.drawn.suspend(|| eprintln!("{line}"));
+        if self.drawn.is_hidden() { say(line) } else { self.drawn.println(line) }
     }
 
     /// Takes the bar away.

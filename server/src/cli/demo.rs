@@ -13,17 +13,18 @@ use hyper::body::Incoming;
 use indicatif::{ProgressBar, ProgressStyle};
 use packstone_engine::export::Model;
 use serde_json::Value;
-use tokio::io::AsyncWriteExt as _;
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{PICTURE, write_picture};
 use super::http_client::{Client, chunk, json};
 use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
-use super::{block_on, export, print};
+use super::unfinished::Unfinished;
+use super::{block_on, export, print_files};
+use crate::atomic_file::Pieces;
 use crate::config::{ServeOptions, cores};
 use crate::service::Service;
-use crate::telemetry::{self, LogFormat};
+use crate::telemetry::{self, LogFormat, say};
 
 const EXAMPLE: &str = include_str!("../../../examples/a16.json");
 /// That of the page is the last.
@@ -56,31 +57,36 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let files: Vec<PathBuf> =
         FORMATS.iter().map(|format| options.out.join(format!("result.{format}"))).collect();
     let (picture, page) = (options.out.join(PICTURE), &files[FORMATS.len() - 1]);
-    refuse_existing(files.iter().chain([&picture]), options.force)?;
+    let unfinished = Unfinished::beside(&files[0]);
+    let record = unfinished.read()?;
+    let all: Vec<PathBuf> = files.iter().chain([&picture]).cloned().collect();
+    let of_record = |file: &&PathBuf| record.as_ref().is_some_and(|record| record.names(file));
+    refuse_existing(all.iter().filter(|file| !of_record(file)), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
+    unfinished.begin(&all, None)?;
     let data_dir = options.out.join("data");
-    let summary = block_on(demonstrate(data_dir.clone(), &files))?;
-    eprintln!(
+    let summary = unfinished.ended(block_on(demonstrate(data_dir.clone(), &files)).and_then(|summary| {
+        let packed = export::read(&files[0])?;
+        let model = Model::new(&packed.specimen, &packed.grains);
+        write_picture(&model, &picture, cores(), &stop_on_signals()?)?;
+        Ok(summary)
+    }))?;
+    say(&format!(
         "Placed {} grains, volume fraction {:.4}.",
         summary["grains"],
         summary["volume_fraction_effective"].as_f64().unwrap_or(0.0)
-    );
-    for file in &files {
-        print(&format!("{}\n", file.display()))?;
-    }
-    let packed = export::read(&files[0])?;
-    let model = Model::new(&packed.specimen, &packed.grains);
-    write_picture(&model, &picture, cores(), &stop_on_signals()?)?;
-    eprintln!("\nNext: open {} in a browser, and turn and cut the packing.", page.display());
-    eprintln!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array");
-    eprintln!("`diameter`, scale factor 1).");
-    eprintln!("Or start the service, which still has this job, and open its page:");
-    eprintln!("  packstone serve --data-dir {}", data_dir.display());
-    eprintln!("  http://127.0.0.1:8080");
+    ));
+    print_files(&all)?;
+    say(&format!("\nNext: open {} in a browser, and turn and cut the packing.", page.display()));
+    say(&format!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array"));
+    say(&format!("`diameter`, scale factor 1)."));
+    say(&format!("Or start the service, which still has this job, and open its page:"));
+    say(&format!("  packstone serve --data-dir {}", data_dir.display()));
+    say(&format!("  http://127.0.0.1:8080"));
     if options.open
         && let Err(error) = open::that_detached(page)
     {
-        eprintln!("no browser was opened: {error}");
+        say(&format!("no browser was opened: {error}"));
     }
     Ok(())
 }
@@ -97,7 +103,7 @@ async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Fail
     let address = service.address()?;
     let shutdown = service.shutdown();
     let serving = tokio::spawn(service.serve());
-    eprintln!("The service listens on http://{address} for the time of this demo.");
+    say(&format!("The service listens on http://{address} for the time of this demo."));
     let shown = show(Client::new(address), files).await;
     shutdown.cancel();
     serving.await?;
@@ -107,7 +113,7 @@ async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Fail
 async fn show(client: Client, files: &[PathBuf]) -> Result<Value, Failure> {
     let job = json(client.post("/v1/jobs", EXAMPLE).await?).await?;
     let link = |name: &str| job["links"][name].as_str().unwrap_or_default();
-    eprintln!("Submitted {} as {}.", job["name"], link("self"));
+    say(&format!("Submitted {} as {}.", job["name"], link("self")));
     let ended = follow(&client, link("events")).await?;
     if ended["state"] != "succeeded" {
         let text = format!("the job {}: {}", ended["state"], ended["error"]["detail"]);
@@ -164,9 +170,9 @@ fn progress_bar() -> ProgressBar {
 async fn save(response: Response<Incoming>, file: &Path) -> Result<(), Failure> {
     let failed = |error: std::io::Error| cannot_be("written", file, &error);
     let mut body = response.into_body();
-    let mut out = tokio::fs::File::create(file).await.map_err(failed)?;
+    let mut out = Pieces::begin(file.to_owned()).map_err(failed)?;
     while let Some(chunk) = chunk(&mut body).await? {
-        out.write_all(&chunk).await.map_err(failed)?;
+        out.write(&chunk).map_err(failed)?;
     }
-    out.flush().await.map_err(failed)
+    out.finish().map_err(failed)
 }

@@ -52,6 +52,12 @@ impl Exit {
         Box::new(Ended { exit: self, text: text.to_string() })
     }
 
+    /// Whether the same command may succeed later: it was stopped, or the machine failed.
+    pub(super) fn may_pass(failure: &Failure) -> bool {
+        let code = code_of(failure);
+        [Self::Unexpected, Self::Machine, Self::Interrupted].into_iter().any(|exit| exit as u8 == code)
+    }
+
     /// The code for an error of the system.
     pub(super) fn of_io(error: &io::Error) -> Self {
         match error.kind() {
@@ -120,6 +126,11 @@ impl std::error::Error for Ended {}
 /// The failure of a file that cannot be `read`, `written`, `made` or `removed`.
 pub(super) fn cannot_be(participle: &str, path: &Path, error: &io::Error) -> Failure {
     Exit::of_io(error).because(format_args!("{} cannot be {participle}: {error}", path.display()))
+}
+
+/// Whether a failure is that of a stream whose reader has left.
+pub(super) fn is_closed_pipe(failure: &Failure) -> bool {
+    failure.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
 }
 
 /// The code of a failure.

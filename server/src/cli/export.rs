@@ -17,8 +17,11 @@ use serde_json::Value;
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
 use super::outputs::refuse_existing;
+use super::print_files;
 use super::signals::stop_on_signals;
+use super::unfinished::Unfinished;
 use crate::config::{cores, default_memory_bytes};
+use crate::strict_json;
 
 /// Options of `packstone export`.
 #[derive(Args)]
@@ -53,12 +56,20 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let picture = options.picture.then(|| options.out.join(PICTURE));
     let files: Vec<PathBuf> = outputs.iter().flat_map(Output::files).chain(picture.clone()).collect();
-    refuse_existing(&files, options.force)?;
+    let Some(first) = files.first() else { return Ok(()) };
+    let unfinished = Unfinished::beside(first);
+    let record = unfinished.read()?;
+    let of_record = |file: &&PathBuf| record.as_ref().is_some_and(|record| record.names(file));
+    refuse_existing(files.iter().filter(|file| !of_record(file)), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     let stop = stop_on_signals()?;
+    unfinished.begin(&files, None)?;
     let model = Model { specimen: &specimen, grains: (&grains).into(), provenance: provenance.as_ref() };
-    exports::write_all(&outputs, &model, &limits, &stop)?;
-    picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, export_threads, &stop))
+    let written = exports::write_all(&outputs, &model, &limits, &stop).and_then(|()| {
+        picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, export_threads, &stop))
+    });
+    unfinished.ended(written)?;
+    print_files(&files)
 }
 
 /// What exports need of a result.
@@ -134,7 +145,7 @@ fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Grains, O
         let provenance = Provenance::from(&layout.head);
         return Ok((layout.head.request, grains, Some(provenance)));
     }
-    let document: Document = serde_json::from_reader(input)?;
+    let document: Document = strict_json::from_file(input)?;
     let provenance = document.provenance();
     let Rows { columns, rows } = document.grains;
     let invalid = |what: &str| std::io::Error::new(std::io::ErrorKind::InvalidData, what.to_owned());

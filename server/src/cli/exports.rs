@@ -1,6 +1,5 @@
 //! Exports and pictures of a packing as files, for `packstone run`, `packstone export` and `packstone study`.
 
-use std::fs;
 use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -15,8 +14,8 @@ use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progre
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
 use super::outputs::{Names, beside};
-use super::print;
 use crate::atomic_file::write_buffered;
+use crate::telemetry::say;
 
 /// The size of a file of this length is announced before the file is made.
 const LARGE_BYTES: u64 = 50_000_000;
@@ -88,9 +87,9 @@ pub(super) fn check(export: &ExportRequest, specimen: &Specimen, limits: &Limits
     })
 }
 
-/// Makes each of these in a folder that exists, and prints the names of its files.
-pub(super) fn write_all(
-    outputs: &[Output],
+/// Makes each of these in a folder that exists.
+pub(super) fn write_all<'a>(
+    outputs: impl IntoIterator<Item = &'a Output>,
     model: &Model<'_>,
     limits: &Limits,
     stop: &Arc<AtomicBool>,
@@ -107,9 +106,6 @@ pub(super) fn write_all(
             let exit = Exit::of_export(&error);
             exit.because(format_args!("{} was not made: {}", output.file.display(), explained(error)))
         })?;
-        for file in output.files() {
-            print(&format!("{}\n", file.display()))?;
-        }
     }
     Ok(())
 }
@@ -126,16 +122,16 @@ pub(super) fn announce_planned(outputs: &[Output], request: &PackingRequest, pla
 /// Prints the size of a large file before it is made, and warnings.
 pub(super) fn announce(name: &str, estimate: &ExportEstimate) {
     for warning in &estimate.warnings {
-        eprintln!("warning: {name}: {warning}");
+        say(&format!("warning: {name}: {warning}"));
     }
     if estimate.bytes >= LARGE_BYTES {
         let triangles =
             estimate.mesh.map(|mesh| format!(", {} triangles", mesh.triangles)).unwrap_or_default();
-        eprintln!("{name}: about {} MB{triangles}", estimate.bytes / 1_000_000);
+        say(&format!("{name}: about {} MB{triangles}", estimate.bytes / 1_000_000));
     }
 }
 
-/// Renders the picture of a packing and prints its name.
+/// Renders the picture of a packing.
 pub(super) fn write_picture(
     model: &Model<'_>,
     file: &Path,
@@ -149,8 +145,7 @@ pub(super) fn write_picture(
     written.map_err(|error| match error {
         ExportError::Write(error) => cannot_be("written", file, &error),
         other => Exit::of_export(&other).because(format_args!("{} was not made: {other}", file.display())),
-    })?;
-    print(&format!("{}\n", file.display()))
+    })
 }
 
 /// What stops an export from being made, as lines for a person.
@@ -186,7 +181,7 @@ pub(super) fn write(
     write_buffered(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     if let Some((ending, text)) = export.companion(&name) {
-        fs::write(beside(file, ending), text)?;
+        write_buffered(&beside(file, ending), |out| out.write_all(text.as_bytes()))?;
     }
     Ok(())
 }

@@ -1,10 +1,14 @@
 //! `packstone key`: a fresh API key. Nothing keeps it but whoever reads this output.
 
+use std::io::Write as _;
+use std::path::PathBuf;
+
 use clap::Args;
 
-use super::exit::Failure;
+use super::exit::{Exit, Failure};
 use super::print;
-use crate::accounts::{self, Role, checked_name, checked_owner, read_rate};
+use crate::accounts::{self, AddError, Role, add_line, checked_name, checked_owner, read_rate};
+use crate::telemetry::say;
 
 /// Options of `packstone key`.
 #[derive(Args)]
@@ -15,8 +19,12 @@ pub(super) struct Options {
     /// What the key may do: `read` reads the jobs and studies of its owner, `submit` submits and changes them as well,
     /// `admin` does so with those of all owners; `worker` is for `packstone worker`, which runs jobs of all owners,
     /// and `metrics` for what reads `/metrics`, as Prometheus; these two open nothing else
-    #[arg(long, value_enum, default_value_t)]
+    #[arg(long, value_enum, default_value_t = Role::Submit)]
     role: Role,
+    /// File of keys to which the line of the key is added, and which is made where it is missing; the key alone is
+    /// printed then
+    #[arg(long, value_name = "FILE")]
+    add_to: Option<PathBuf>,
     /// Whose jobs and studies the key is for; several keys may have one owner [default: the name of the key]
     #[arg(long, value_parser = checked_owner)]
     owner: Option<String>,
@@ -49,8 +57,27 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     words.extend(quotas.iter().filter_map(|(name, bound)| Some(format!("{name}={}", (*bound)?))));
     words.extend(options.max_requests_per_second.map(|rate| format!("max_requests_per_second={rate}")));
     let (key, line) = accounts::generate(&options.name, &words);
-    eprintln!("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");
-    print(&format!("{key}\n"))?;
-    eprintln!("Its line for the file that --api-keys-file names:");
-    print(&format!("{line}\n"))
+    let Some(file) = &options.add_to else {
+        say("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");
+        print(&format!("{key}\n"))?;
+        say("Its line for the file that --api-keys-file names:");
+        return print(&format!("{line}\n"));
+    };
+    // A key that nobody could read is not added, and one that is printed is added unless the disk fails.
+    let show = || {
+        say("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");
+        let mut out = std::io::stdout().lock();
+        out.write_all(format!("{key}\n").as_bytes())?;
+        out.flush()
+    };
+    add_line(file, &line, show).map_err(|error| {
+        let exit = match &error {
+            AddError::Text(..) | AddError::BadLine(..) | AddError::Owner(..) => Exit::BadInput,
+            AddError::Locked(..) => Exit::Unexpected,
+            AddError::Unwritten(_, error) | AddError::Before(error) | AddError::Replacement(error) => {
+                Exit::of_io(error)
+            }
+        };
+        exit.because(format_args!("no key was added: {error}"))
+    })
 }

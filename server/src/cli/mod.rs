@@ -14,6 +14,7 @@ mod export;
 mod exports;
 mod health;
 mod http_client;
+mod input;
 mod key;
 mod migrate_store;
 mod openapi;
@@ -25,6 +26,7 @@ mod serve;
 mod shell;
 mod signals;
 mod study;
+mod unfinished;
 mod webhook_secret;
 mod worker;
 
@@ -91,7 +93,7 @@ pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let matches = command.get_matches_from(arguments);
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let ended = match cli.command {
-        Command::Serve(options) => serve::run(*options),
+        Command::Serve(options) => serve::run(*options, &crate::config::unknown_variables(&Cli::command())),
         Command::Worker(options) => worker::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Run(options) => run::run(&options),
@@ -109,13 +111,15 @@ pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Completions(options) => shell::completions(&options, Cli::command()),
         Command::Man(options) => shell::man(&options, Cli::command()),
     };
-    match ended {
+    let code = match ended {
         Ok(()) => 0,
         Err(failure) => {
             crate::telemetry::say(&format!("packstone: {failure}"));
             exit::code_of(&failure)
         }
-    }
+    };
+    crate::telemetry::flush();
+    code
 }
 
 /// Runs a future on a runtime of its own, and does not wait at the end for threads that block: a
@@ -125,6 +129,15 @@ fn block_on<T>(future: impl Future<Output = Result<T, Failure>>) -> Result<T, Fa
     let ended = runtime.block_on(future);
     runtime.shutdown_background();
     ended
+}
+
+/// Prints the names of files that are written. A reader that has left does not make the command fail.
+fn print_files<'a>(files: impl IntoIterator<Item = &'a std::path::PathBuf>) -> Result<(), Failure> {
+    let text: String = files.into_iter().map(|file| format!("{}\n", file.display())).collect();
+    match print(&text) {
+        Err(failure) if exit::is_closed_pipe(&failure) => Ok(()),
+        printed => printed,
+    }
 }
 
 /// Prints to standard output; a reader that has left ends the command.

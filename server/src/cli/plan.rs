@@ -8,6 +8,7 @@ use packstone_engine::{Limits, Plan};
 
 use super::exit::Failure;
 use super::exports;
+use super::input::Input;
 use super::run::{read_job, refused};
 use super::{print, run};
 use crate::config::limits_of_one_packing;
@@ -26,10 +27,12 @@ pub(super) struct Options {
     /// Most grains of the packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
+    #[command(flatten)]
+    input: Input,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let job = read_job(&options.job, request::draw_seed())?;
+    let job = read_job(&options.input, &options.job, request::draw_seed())?;
     let packing = job.packing();
     let limits = limits_of_one_packing(options.max_grains);
     let plan = Plan::new(&packing, &limits).map_err(|error| refused(&options.job, &error))?;

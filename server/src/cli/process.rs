@@ -6,6 +6,8 @@ use std::fs;
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
+use crate::hex;
+
 /// A process that runs a shard.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Process {
@@ -44,6 +46,21 @@ impl Process {
             slurm_job: variable("SLURM_ARRAY_JOB_ID").or_else(|| variable("SLURM_JOB_ID")),
             slurm_task: variable("SLURM_ARRAY_TASK_ID"),
         }
+    }
+
+    /// The process in a few characters, for the name of a file; `None` where its machine does not tell all of it.
+    pub(super) fn mark(&self) -> Option<String> {
+        let machine = hex::sha256(self.machine.as_ref()?.as_bytes());
+        Some(format!("{}-{}-{}", self.pid, self.started?, &machine[..16]))
+    }
+
+    /// Whether the process of a [mark](Self::mark) is alive; `None` where only its own machine knows.
+    pub(super) fn is_alive_by(mark: &str) -> Option<bool> {
+        let mut parts = mark.split('-');
+        let (pid, started, machine) =
+            (parts.next()?.parse().ok()?, parts.next()?.parse().ok()?, parts.next()?);
+        let is_here = hex::sha256(self::machine()?.as_bytes()).starts_with(machine) && machine.len() == 16;
+        is_here.then(|| start_of(pid) == Some(started))
     }
 
     /// Whether it is alive; `None` where only its own machine knows.
@@ -96,6 +113,12 @@ mod tests {
     fn only_a_process_of_this_machine_can_be_judged() {
         let this = Process::current();
         assert_eq!(this.is_alive(), Some(true));
+        let mark = this.mark().unwrap();
+        assert_eq!(Process::is_alive_by(&mark), Some(true));
+        let (pid, rest) = mark.split_once('-').unwrap();
+        assert_eq!(Process::is_alive_by(&format!("{pid}-1{rest}")), Some(false));
+        assert_eq!(Process::is_alive_by(&format!("{}g", &mark[..mark.len() - 1])), None);
+        assert_eq!(Process::is_alive_by("01900000000070008000000000000000"), None);
         // Another process has its number since.
         let before = Process { started: this.started.map(|ticks| ticks - 1), ..this.clone() };
         assert_eq!(before.is_alive(), Some(false));

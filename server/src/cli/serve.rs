@@ -8,8 +8,12 @@ use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry;
 
-pub(super) fn run(options: ServeOptions) -> Result<(), Failure> {
+/// Runs the service; `unknown` are variables of the environment that no option has.
+pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failure> {
     telemetry::start(options.log_format, "info");
+    for variable in unknown {
+        tracing::warn!(variable, "no option has this variable: it is misspelled, or of another version");
+    }
     block_on(async {
         let mut terminate = signal(SignalKind::terminate())?;
         let mut interrupt = signal(SignalKind::interrupt())?;
@@ -29,7 +33,7 @@ pub(super) fn run(options: ServeOptions) -> Result<(), Failure> {
                     // The terminal that started it has gone, or an operator asks for a reload.
                     _ = hang_up.recv() => {
                         tracing::info!(signal = "SIGHUP", "reloading");
-                        reload.notify_waiters();
+                        reload.notify_one();
                     }
                 }
             };

@@ -28,6 +28,7 @@ pub(super) fn stop_on_signals() -> Result<Arc<AtomicBool>, Failure> {
                     _ = terminate.recv() => {}
                 }
                 if asked.swap(true, Ordering::AcqRel) {
+                    crate::telemetry::flush();
                     std::process::exit(INTERRUPTED);
                 }
             }

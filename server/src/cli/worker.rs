@@ -214,6 +214,7 @@ fn stop_on_signals(shutdown: CancellationToken) -> Result<(), Failure> {
                 _ = terminate.recv() => "SIGTERM",
             };
             if shutdown.is_cancelled() {
+                telemetry::flush();
                 std::process::exit(INTERRUPTED);
             }
             tracing::info!(signal = name, "stopping");

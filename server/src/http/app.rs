@@ -26,6 +26,7 @@ use crate::problem::{Kind, Problem};
 use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
+use crate::webhooks::signature::SecretsFile;
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
 use crate::workers::packing::Packings;
@@ -67,6 +68,7 @@ pub(crate) struct Shared {
     /// The files of the web page, where it is served.
     pub(crate) web: Option<Web>,
     pub(crate) webhook_rules: Arc<WebhookRules>,
+    pub(crate) webhook_secrets: Option<Arc<SecretsFile>>,
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
@@ -100,6 +102,25 @@ pub(crate) struct Shared {
     pub(crate) shutdown: CancellationToken,
 }
 
+/// What the operator keeps in files of their own, beside the data directory.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct OperatorFiles {
+    /// The file of keys.
+    pub(crate) accounts: Arc<Accounts>,
+    pub(crate) webhook_secrets: Option<Arc<SecretsFile>>,
+    pub(crate) audit: Option<Arc<AuditLog>>,
+}
+
+impl OperatorFiles {
+    /// Reads again what has changed of the files of settings. Blocks the thread.
+    pub(crate) fn look(&self) {
+        self.accounts.look_at_keys();
+        if let Some(secrets) = &self.webhook_secrets {
+            secrets.look();
+        }
+    }
+}
+
 impl App {
     /// Gathers what handlers share, much of it with the packings.
     pub(crate) fn new(
@@ -107,10 +128,10 @@ impl App {
         packings: &Packings,
         shutdown: CancellationToken,
         here: &Here,
-        accounts: Arc<Accounts>,
-        audit: Option<Arc<AuditLog>>,
+        files: OperatorFiles,
         connections: Arc<Semaphore>,
     ) -> Self {
+        let OperatorFiles { accounts, webhook_secrets, audit } = files;
         Self {
             shared: Arc::new(Shared {
                 store: here.store.clone(),
@@ -132,6 +153,7 @@ impl App {
                     None => Some(Web::compiled()),
                 },
                 webhook_rules: Arc::new(options.webhook_rules()),
+                webhook_secrets,
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,

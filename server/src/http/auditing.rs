@@ -10,8 +10,6 @@ use crate::accounts::Caller;
 use crate::audit::{AuditEntry, AuditLog};
 use crate::http::app::App;
 use crate::http::session;
-use crate::metrics::Metrics;
-use crate::tasks::{self, Task};
 
 /// What a request that may change something does; `None` for all others. A route that is added has the name that its
 /// path gives until it is named here. Workers run what others have submitted: the log tells of them, and not this.
@@ -44,7 +42,6 @@ fn action(method: &Method, route: &str) -> Option<String> {
 /// without a status: what was begun goes on.
 pub(crate) struct Audited {
     log: Arc<AuditLog>,
-    metrics: Arc<Metrics>,
     entry: Option<AuditEntry>,
 }
 
@@ -71,11 +68,11 @@ impl Audited {
             path: path.to_owned(),
             status: None,
         };
-        Some(Self { log, metrics: Arc::clone(&app.shared.metrics), entry: Some(entry) })
+        Some(Self { log, entry: Some(entry) })
     }
 
-    /// Begins to tell of the answer, which is sent when this has ended.
-    pub(crate) fn answered(mut self, response: &Response) -> Option<Task<()>> {
+    /// Tells of the answer, which is sent when this has ended: the line is written then, unless the audit log hangs.
+    pub(crate) fn answered(mut self, response: &Response) -> Option<impl Future<Output = ()> + use<>> {
         let mut entry = self.entry.take()?;
         entry.status = Some(response.status().as_u16());
         if let Some(session::Begun(by)) = response.extensions().get() {
@@ -89,22 +86,17 @@ impl Audited {
             let location = response.headers().get(header::LOCATION).and_then(|path| path.to_str().ok());
             entry.id = location.and_then(|path| path.rsplit('/').next()).map(str::to_owned);
         }
-        let (log, metrics) = (Arc::clone(&self.log), Arc::clone(&self.metrics));
-        Some(tasks::blocking(move || append(&log, &metrics, &entry)))
+        let log = Arc::clone(&self.log);
+        Some(async move { log.append_and_wait(&entry).await })
     }
 }
 
 impl Drop for Audited {
     fn drop(&mut self) {
         if let Some(entry) = self.entry.take() {
-            append(&self.log, &self.metrics, &entry);
+            // Nobody waits for it.
+            drop(self.log.append(&entry));
         }
-    }
-}
-
-fn append(log: &AuditLog, metrics: &Metrics, entry: &AuditEntry) {
-    if !log.append(entry) {
-        metrics.audit_line_lost();
     }
 }
 
@@ -119,10 +111,9 @@ mod tests {
     async fn a_request_whose_client_hangs_up_is_told_without_a_status() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("audit.jsonl");
-        let log = Arc::new(AuditLog::open(path.clone()).unwrap());
+        let log = Arc::new(AuditLog::open(path.clone(), Arc::default()).unwrap());
         let begin = |action: &str| Audited {
             log: Arc::clone(&log),
-            metrics: Arc::default(),
             entry: Some(AuditEntry {
                 time: String::new(),
                 request_id: String::new(),
@@ -138,7 +129,8 @@ mod tests {
         drop(begin("gone"));
         let mut response = axum::http::StatusCode::CREATED.into_response();
         crate::http::response::set(&mut response, header::LOCATION, "/v1/jobs/abc");
-        begin("answered").answered(&response).unwrap().await.unwrap();
+        begin("answered").answered(&response).unwrap().await;
+        log.close();
         let told = std::fs::read_to_string(path).unwrap();
         let told: Vec<serde_json::Value> =
             told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();

@@ -74,9 +74,9 @@ mod tests {
     #[test]
     fn a_key_comes_as_bearer_and_in_no_other_way() {
         let folder = tempfile::tempdir().unwrap();
-        let (key, line) = generate("lab", &[]);
+        let (key, line) = generate("lab", &["role=admin".into()]);
         let path = folder.path().join("keys");
-        std::fs::write(&path, line).unwrap();
+        std::fs::write(&path, line + "\n").unwrap();
         let keys = KeysFile::open(path).unwrap().current();
         let with = |authorization: &str| {
             let mut headers = HeaderMap::new();

@@ -31,7 +31,7 @@ pub(crate) async fn json_bytes(app: &App, headers: &HeaderMap, body: Body) -> Re
         linger(body);
         return Err(problem);
     }
-    utf8(collect(body, app.shared.max_body_bytes).await?)
+    collect(body, app.shared.max_body_bytes).await
 }
 
 /// Refuses what need not be read to be refused.
@@ -59,21 +59,6 @@ fn check_headers(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
         Some(length) if length > max_bytes => Err(too_large(&format!("{length} bytes"), max_bytes)),
         _ => Ok(()),
     }
-}
-
-/// The body without a byte order mark: that of UTF-8 says nothing, and other encodings are not JSON (RFC 8259, 8.1).
-fn utf8(mut body: Bytes) -> Result<Bytes, Problem> {
-    const UTF8: &[u8] = b"\xEF\xBB\xBF";
-    if body.starts_with(UTF8) {
-        return Ok(body.split_off(UTF8.len()));
-    }
-    // A JSON document begins with an ASCII character, which has a zero byte beside it in UTF-16 and UTF-32.
-    let marked = body.starts_with(b"\xFF\xFE") || body.starts_with(b"\xFE\xFF");
-    if marked || body.iter().take(2).any(|byte| *byte == 0) {
-        let detail = "the body is encoded in UTF-16 or UTF-32: must be UTF-8 (PowerShell: -Encoding utf8)";
-        return Err(Problem::new(Kind::MalformedJson, detail));
-    }
-    Ok(body)
 }
 
 /// Refuses a body where the route has none: its sender would believe it was read.
@@ -165,16 +150,6 @@ mod tests {
         }
         for bad in ["", "text/json", "application/json; charset=latin1", "application/jsonp", "text/x+json"] {
             assert!(!is_json(bad), "{bad}");
-        }
-    }
-
-    #[test]
-    fn a_mark_of_utf8_is_skipped_and_utf16_is_named() {
-        assert_eq!(utf8(Bytes::from_static(b"\xEF\xBB\xBF{}")), Ok(Bytes::from_static(b"{}")));
-        assert_eq!(utf8(Bytes::from_static(b"{}")), Ok(Bytes::from_static(b"{}")));
-        for other in [&b"\xFF\xFE{\0}\0"[..], b"\xFE\xFF\0{\0}", b"{\0}\0", b"\0{\0}"] {
-            let problem = utf8(Bytes::from_static(other)).err();
-            assert!(problem.is_some_and(|p| p.status == 400 && p.detail.contains("UTF-8")), "{other:?}");
         }
     }
 

@@ -21,11 +21,12 @@ impl Hosts {
 
     fn allow(&self, host: &str) -> bool {
         let name = without_port(host).to_ascii_lowercase();
-        let address = name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
+        let bare = name.trim_start_matches('[').trim_end_matches(']');
+        let address = bare.parse::<IpAddr>();
         name == "localhost"
             || name.ends_with(".localhost")
             || address.is_ok_and(|address| address.is_loopback())
-            || self.0.contains(&name)
+            || self.0.iter().any(|allowed| allowed == bare)
     }
 }
 

@@ -40,7 +40,7 @@ mod waiting;
 pub(crate) mod web;
 mod webhooks;
 
-pub(crate) use app::App;
+pub(crate) use app::{App, OperatorFiles};
 pub(crate) use contract::YAML as OPENAPI_YAML;
 pub(crate) use observe::OPEN_ROUTES;
 pub(crate) use problems::PROBLEM_JSON;

@@ -85,7 +85,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         response = write_problem(response, &id);
     }
     if let Some(told) = audited.and_then(|audited| audited.answered(&response)) {
-        let _ = told.await;
+        told.await;
     }
     if let Ok(id) = HeaderValue::try_from(id) {
         response.headers_mut().insert(REQUEST_ID, id);

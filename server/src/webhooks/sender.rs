@@ -27,6 +27,8 @@ const AT_ONCE: usize = 16;
 const REPEATS_AT_ONCE: usize = 8;
 /// Time for an attempt: resolution of the name, connection and answer.
 const ATTEMPT: Duration = Duration::from_secs(10);
+/// Longest time that an attempt waits for the file of secrets.
+const READ_SECRETS: Duration = Duration::from_secs(1);
 /// Addresses of a host that are tried in one attempt.
 const ADDRESSES: usize = 3;
 /// Longest pause between two attempts.
@@ -46,7 +48,7 @@ const LOOK_FOR_LEAD: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub(crate) struct WebhookSender {
     pub(crate) store: Store,
-    pub(crate) secrets: SecretsFile,
+    pub(crate) secrets: Arc<SecretsFile>,
     pub(crate) rules: WebhookRules,
     /// Pause after the first attempt; it doubles with each.
     pub(crate) first_pause: Duration,
@@ -215,6 +217,9 @@ impl WebhookSender {
         // An address that lets each connection time out does not keep the others from being tried.
         let first = delivery.attempts as usize % allowed.len().max(1);
         allowed.rotate_left(first);
+        // A changed secret counts for the next message, unless the disk of its file does not answer.
+        let secrets = Arc::clone(&self.secrets);
+        let _ = timeout(READ_SECRETS, tasks::blocking(move || secrets.look())).await;
         let mut failed = NotAccepted::default();
         for address in allowed.into_iter().take(ADDRESSES) {
             let request =

@@ -7,14 +7,13 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Duration;
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use hmac::{Hmac, Mac as _};
 use sha2::Sha256;
 
-use crate::watched_file::WatchedFile;
+use crate::watched_file::{Change, TextError, WatchedFile};
 
 /// What a secret begins with.
 const PREFIX: &str = "whsec_";
@@ -26,9 +25,9 @@ const MAX_SECRETS: usize = 8;
 /// Why the file of secrets cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum SecretsError {
-    /// It cannot be read.
-    #[error("the webhook secret file {0} cannot be read: {1}")]
-    Unreadable(PathBuf, std::io::Error),
+    /// Its text cannot be used.
+    #[error("the webhook secret file {0} {1}")]
+    Text(PathBuf, TextError),
     /// A line is no secret.
     #[error("the webhook secret file {0}, line {1}: {2}")]
     BadLine(PathBuf, usize, String),
@@ -54,10 +53,8 @@ impl Secrets {
     }
 
     /// Reads a file with one secret a line; empty lines and those that begin with `#` are skipped.
-    fn read(file: &Path) -> Result<Self, SecretsError> {
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| SecretsError::Unreadable(file.to_owned(), error))?;
-        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    fn read(file: &Path, text: Result<String, TextError>) -> Result<Self, SecretsError> {
+        let text = text.map_err(|error| SecretsError::Text(file.to_owned(), error))?;
         let mut secrets = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line = line.trim();
@@ -105,22 +102,29 @@ impl SecretsFile {
     /// Reads the file for the first time.
     ///
     /// # Errors
-    /// When the file cannot be read, has a faulty line, no secret or too many.
+    /// When the file cannot be read, is cut, has a faulty line, no secret or too many.
     pub(crate) fn open(path: PathBuf) -> Result<Self, SecretsError> {
-        WatchedFile::open(path, Duration::ZERO, Secrets::read).map(Self)
+        WatchedFile::open(path, Secrets::read).map(Self)
     }
 
-    /// The secrets as the file has them now. A file that cannot be used leaves them as they were, with an error in the
-    /// log.
+    /// The secrets as of the last look at the file.
     pub(crate) fn current(&self) -> Arc<Secrets> {
-        self.0.current(|path| {
-            let read = Secrets::read(path);
-            match &read {
-                Ok(secrets) => tracing::info!(?secrets, "webhook secrets read again"),
-                Err(error) => tracing::error!(%error, "the webhook secrets stay as they were"),
-            }
-            read.ok()
-        })
+        self.0.current()
+    }
+
+    /// Looks at the file. One that cannot be used leaves the secrets as they were, with an error in the log. Blocks the
+    /// thread.
+    pub(crate) fn look(&self) {
+        match self.0.look(Secrets::read) {
+            None => {}
+            Some(Ok(Change { now, .. })) => tracing::info!(secrets = ?now, "webhook secrets read again"),
+            Some(Err(error)) => tracing::error!(%error, "the webhook secrets stay as they were"),
+        }
+    }
+
+    /// Whether the secrets in force are not those of the file as it is now, because it cannot be used.
+    pub(crate) fn is_faulty(&self) -> bool {
+        self.0.is_faulty()
     }
 }
 
@@ -128,12 +132,17 @@ impl SecretsFile {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+    use crate::watched_file::text_of;
 
     const EXAMPLE: &str = "whsec_MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLaSw";
     /// ID, time and body of the example.
     const MESSAGE: (&str, i64, &str) =
         ("msg_p5jXN8AQM9LWM0D4loKWxJek", 1_614_265_330, "{\"test\": 2432232314}");
     const SIGNATURE: &str = "v1,g0hM9SsE+OTPJTGt/tmIKtSyZlE3uFJELVlNIOLJ1OE=";
+
+    fn read(path: &Path) -> Result<Secrets, SecretsError> {
+        Secrets::read(path, text_of(path))
+    }
 
     fn file(text: &str) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
@@ -149,14 +158,14 @@ mod tests {
     #[test]
     fn the_example_of_the_standard_has_its_signature() {
         let (_folder, path) = file(&format!("# of the receiver\n\n{EXAMPLE}\n"));
-        assert_eq!(sign(&Secrets::read(&path).unwrap()), SIGNATURE);
+        assert_eq!(sign(&read(&path).unwrap()), SIGNATURE);
     }
 
     #[test]
     fn all_secrets_of_a_file_sign() {
         let other = generate();
         let (_folder, path) = file(&format!("{other}\n{EXAMPLE}\n"));
-        let secrets = Secrets::read(&path).unwrap();
+        let secrets = read(&path).unwrap();
         let signed = sign(&secrets);
         let (first, second) = signed.split_once(' ').unwrap();
         assert!(first.starts_with("v1,") && first != second);
@@ -170,26 +179,35 @@ mod tests {
         let long = format!("{PREFIX}{}", BASE64_STANDARD.encode([1; 65]));
         for bad in ["secret", "whsec_!", &short, &long] {
             let (_folder, path) = file(&format!("{EXAMPLE}\n{bad}\n"));
-            let error = Secrets::read(&path).unwrap_err();
+            let error = read(&path).unwrap_err();
             assert!(matches!(error, SecretsError::BadLine(_, 2, _)), "{error}");
             assert!(!error.to_string().contains(&short[PREFIX.len()..]), "{error}");
         }
         for text in ["# none\n".to_owned(), format!("{EXAMPLE}\n").repeat(9)] {
             let (_folder, path) = file(&text);
-            assert!(matches!(Secrets::read(&path), Err(SecretsError::Count(..))));
+            assert!(matches!(read(&path), Err(SecretsError::Count(..))));
         }
     }
 
     #[test]
     fn a_changed_file_is_read_again_and_a_faulty_one_changes_nothing() {
-        let (_folder, path) = file(&generate());
+        let (_folder, path) = file(&(generate() + "\n"));
         let secrets = SecretsFile::open(path.clone()).unwrap();
-        assert_ne!(sign(&secrets.current()), SIGNATURE);
-        std::fs::write(&path, EXAMPLE).unwrap();
-        assert_eq!(sign(&secrets.current()), SIGNATURE);
-        std::fs::write(&path, "nonsense").unwrap();
-        assert_eq!(sign(&secrets.current()), SIGNATURE);
+        let signed = || {
+            secrets.look();
+            sign(&secrets.current())
+        };
+        assert_ne!(signed(), SIGNATURE);
+        std::fs::write(&path, format!("{EXAMPLE}\n")).unwrap();
+        assert_eq!(signed(), SIGNATURE);
+        // Of a secret of 32 bytes the first 40 characters are a shorter secret.
+        let other = generate();
+        for end in 0..=other.len() {
+            std::fs::write(&path, &other[..end]).unwrap();
+            assert!(signed() == SIGNATURE && secrets.is_faulty(), "{end}");
+            assert!(SecretsFile::open(path.clone()).is_err(), "{end}");
+        }
         std::fs::remove_file(&path).unwrap();
-        assert_eq!(sign(&secrets.current()), SIGNATURE);
+        assert_eq!(signed(), SIGNATURE);
     }
 }

@@ -15,6 +15,7 @@ use super::Figures;
 use super::cases::{Case, Kind, Shows};
 use super::ladder::Ladder;
 use super::meter::{Stopwatch, Taken, largest, median, peak_mb};
+use crate::telemetry::say;
 
 /// Runs that take longer are told of one by one.
 const LONG_S: f64 = 1.0;
@@ -69,7 +70,7 @@ impl Runs {
             Err(fault) => return Err(format!("{what}: {fault}").into()),
         };
         if taken.wall_s >= LONG_S {
-            eprintln!("  {what}: {:.1} s, {:.1} s CPU: {outcome}", taken.wall_s, taken.cpu_s);
+            say(&format!("  {what}: {:.1} s, {:.1} s CPU: {outcome}", taken.wall_s, taken.cpu_s));
         }
         let succeeded = packed.is_ok();
         self.succeeded.extend(packed.map(|packing| packing.report));
@@ -185,7 +186,7 @@ fn fluid(
         let watch = Stopwatch::start();
         let mut fluid = Fluid::new(spheres, volume_fraction, seed).with_threads(threads);
         fluid.run(WARM_UP_PER_GRAIN * spheres as u64);
-        eprintln!("  seed {seed} of {seeds}: grown and warm after {:.1} s", watch.taken().wall_s);
+        say(&format!("  seed {seed} of {seeds}: grown and warm after {:.1} s", watch.taken().wall_s));
         for window in 1..=windows {
             let watch = Stopwatch::start();
             let figures = fluid.run(WINDOW_PER_GRAIN * spheres as u64);
@@ -193,10 +194,10 @@ fn fluid(
             let seconds = if threads == NonZeroUsize::MIN { took.cpu_s } else { took.wall_s };
             let rate = figures.collisions as f64 / seconds;
             if took.wall_s >= LONG_S {
-                eprintln!(
+                say(&format!(
                     "  window {window} of {windows}: {:.1} s, {:.1} s CPU: {rate:.3e} collisions/s",
                     took.wall_s, took.cpu_s
-                );
+                ));
             }
             rates.push(rate);
             pressures.push(figures.reduced_pressure);

@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::exit::Failure;
 use super::print;
+use crate::telemetry::say;
 use cases::{Case, cases};
 
 /// Options of `packstone bench`.
@@ -87,7 +88,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let start = Instant::now();
     for (i, case) in wanted.iter().enumerate() {
-        eprintln!("[{:.0} s] {} of {}: {}", start.elapsed().as_secs_f64(), i + 1, wanted.len(), case.name);
+        say(&format!(
+            "[{:.0} s] {} of {}: {}",
+            start.elapsed().as_secs_f64(),
+            i + 1,
+            wanted.len(),
+            case.name
+        ));
         let figures = in_own_process(case, options.seeds)?;
         let line = if options.json { serde_json::to_string(&figures)? } else { row(&figures) };
         print(&format!("{line}\n"))?;

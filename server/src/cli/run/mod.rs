@@ -3,8 +3,7 @@
 mod resume;
 mod watch;
 
-use std::fs::File;
-use std::io::{Read as _, Write as _};
+use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,16 +17,15 @@ use packstone_engine::{
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
-use super::outputs::refuse_existing;
-use super::print;
+use super::input::Input;
+use super::print_files;
 use crate::atomic_file::write_buffered;
-use crate::checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
 use crate::formats::ResultFormat;
 use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::{PlotError, draw};
-use crate::strict_json;
+use crate::telemetry::say;
 use watch::Watch;
 
 /// Options of `packstone run`.
@@ -65,20 +63,22 @@ pub(super) struct Options {
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
     #[command(flatten)]
+    input: Input,
+    #[command(flatten)]
     earlier: Earlier,
     /// Seconds between two checkpoints; 0 keeps one at every opportunity
     #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
     checkpoint_every_s: f64,
 }
 
-/// What to do with the checkpoint of an earlier run.
+/// What to do with what an earlier run left.
 #[derive(Args)]
 struct Earlier {
-    /// Go on from the checkpoint of a run that was stopped or killed, which lies in the folder for the result; a run
-    /// without one starts anew
+    /// Go on with a run that was stopped or killed at any moment: from its checkpoint, which lies in the folder for the
+    /// result, or with the files that were not written; a run without these starts anew
     #[arg(long)]
     resume: bool,
-    /// Discard the checkpoint of an earlier run
+    /// Discard the checkpoint of an earlier run, and what it wrote of its result before it was killed
     #[arg(long, conflicts_with = "resume")]
     fresh: bool,
 }
@@ -94,15 +94,13 @@ fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let checkpoint = options.out.join(resume::FILE);
-    let resumes = options.earlier.resume && checkpoint.exists();
-    if options.earlier.resume && !resumes {
-        eprintln!("there is no checkpoint {}: the run starts anew", checkpoint.display());
-    }
     // A run that was started without a seed goes on with the one that was drawn for it.
-    let stored = resumes.then(|| resume::request_of(&checkpoint)).transpose()?;
-    let seed = stored.as_ref().map_or_else(request::draw_seed, |stored| stored.seed);
-    let request = read_job(&options.job, seed)?;
+    let earlier = resume::Earlier::find(options)?;
+    if options.earlier.resume && earlier.is_nothing() {
+        say(&format!("there is no checkpoint {}: the run starts anew", earlier.checkpoint.display()));
+    }
+    let seed = earlier.seed().unwrap_or_else(request::draw_seed);
+    let request = read_job(&options.input, &options.job, seed)?;
     let packing_request = request.packing();
     let of_one = limits_of_one_packing(options.max_grains);
     let threads = options.threads.or(request.threads()).unwrap_or(of_one.threads);
@@ -116,36 +114,36 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     for (kind, file) in &files.plots {
         job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;
     }
-    exports::announce_planned(&files.exports, &packing_request, &plan);
-    let resume = stored
-        .map(|stored| resume::state(&checkpoint, &options.job, &packing_request, &stored))
-        .transpose()?;
-    if resume.is_none() && !options.earlier.fresh && checkpoint.exists() {
-        return Err(Exit::BadInput.because(format_args!(
-            "{} is left from a run that was stopped: go on from it by --resume, or discard it by --fresh",
-            checkpoint.display()
-        )));
-    }
     // Before the work, not after it: a folder that cannot be made would waste it.
-    refuse_existing(&files.all(), options.force)?;
+    let all = files.all();
+    let (resume, kept) = earlier.check(options, &request, &all)?;
+    if kept.is_all(&all) {
+        say(&format!("the result in {} is complete: nothing is left to do", options.out.display()));
+        return print_files(&all);
+    }
+    exports::announce_planned(&files.exports, &packing_request, &plan);
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     if options.earlier.fresh {
-        discard(&checkpoint)?;
+        earlier.discard()?;
     }
-    let watch =
-        Watch::new(&checkpoint, Duration::from_secs_f64(options.checkpoint_every_s), resume.is_some())?;
-    let packing = pack(options, &packing_request, &limits, resume, &watch, &checkpoint)?;
+    let every = Duration::from_secs_f64(options.checkpoint_every_s);
+    let watch = Watch::new(&earlier.checkpoint, every, resume.is_some())?;
+    let packing = pack(options, &packing_request, &limits, resume, &watch, &earlier)?;
     let summary = &packing.report.summary;
-    eprintln!(
+    say(&format!(
         "placed {} grains, volume fraction {:.4}, in {:.2} s (seed {})",
         summary.grains, summary.volume_fraction_effective, packing.report.timings_s.total, request.seed
-    );
+    ));
     // Those of the plan have been printed before the run.
     let new: Vec<String> =
         packing.report.warnings.iter().filter(|warning| !plan.warnings.contains(warning)).cloned().collect();
     warn(&new);
-    files.write(&request, packing, &limits, &watch)?;
-    discard(&checkpoint)
+    earlier.unfinished.begin(&all, Some(serde_json::to_value(&request)?))?;
+    let undrawn = files.write(&request, packing, &limits, &watch, &kept)?;
+    earlier.discard_checkpoint()?;
+    earlier.unfinished.end()?;
+    print_files(all.iter().filter(|file| file.exists()))?;
+    undrawn.map_or(Ok(()), Err)
 }
 
 /// Packs, and removes the checkpoint where going on from it would only repeat the answer.
@@ -155,17 +153,19 @@ fn pack(
     limits: &Limits,
     resume: Option<Resume>,
     watch: &Watch,
-    checkpoint: &Path,
+    earlier: &resume::Earlier,
 ) -> Result<Packing, Failure> {
     let packing = packstone_engine::pack_or_resume(request, limits, resume, watch);
     watch.finish();
     packing.or_else(|error| {
         let exit = Exit::of_packing(&error);
         match error {
-            PackError::Stopped { placed, grains } => Err(exit.because(stopped(checkpoint, placed, grains))),
+            PackError::Stopped { placed, grains } => {
+                Err(exit.because(stopped(&earlier.checkpoint, placed, grains)))
+            }
             PackError::Plan(error) => Err(refused(&options.job, &error)),
             ended => {
-                discard(checkpoint)?;
+                earlier.discard_checkpoint()?;
                 Err(exit.because(ended))
             }
         }
@@ -209,41 +209,49 @@ impl Files {
             .collect()
     }
 
-    /// Writes all of them, and prints their names.
+    /// Writes all of them but those that stay. Returns why a plot was not drawn, if one was not.
+    ///
+    /// # Errors
+    /// A file cannot be written, or one that stays is of another packing.
     fn write(
         &self,
         request: &JobRequest,
         packing: Packing,
         limits: &Limits,
         watch: &Watch,
-    ) -> Result<(), Failure> {
+        kept: &resume::Kept,
+    ) -> Result<Option<Failure>, Failure> {
         let head = Head {
             job_id: None,
             request: serde_json::to_value(request)?,
             engine: EngineInfo::current(),
             report: packing.report,
         };
-        for (format, file) in &self.grains {
+        for (format, file) in self.grains.iter().filter(|(_, file)| kept.has(file)) {
+            kept.compare(file, *format, |with| format.write(&head, &packing.grains, with))?;
+        }
+        for (format, file) in self.grains.iter().filter(|(_, file)| !kept.has(file)) {
             write(file, *format, &head, &packing.grains)
                 .map_err(|error| cannot_be("written", file, &error))?;
-            print(&format!("{}\n", file.display()))?;
         }
         let provenance = Provenance::from(&head);
         let model = Model::new(&request.specimen, &packing.grains).with_provenance(&provenance);
-        if let Some(file) = &self.picture {
+        if let Some(file) = self.picture.as_ref().filter(|file| !kept.has(file)) {
             exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }
-        exports::write_all(&self.exports, &model, limits, watch.stop())?;
+        let exports = self.exports.iter().filter(|output| !output.files().all(|file| kept.has(&file)));
+        exports::write_all(exports, &model, limits, watch.stop())?;
         // The plots that the packing has are written before one that it does not have ends the command.
-        let mut refused = Ok(());
-        for (kind, file) in &self.plots {
+        let mut undrawn = None;
+        for (kind, file) in self.plots.iter().filter(|(_, file)| !kept.has(file)) {
             let result = JobResult { head: &head, grains: &packing.grains };
             match plot(*kind, &result, self.plot_titles, file) {
-                Ok(()) => print(&format!("{}\n", file.display()))?,
-                Err(error) => refused = refused.and(Err(not_drawn(file, error))),
+                Ok(()) => {}
+                Err(error @ PlotError::NotAvailable(_)) => undrawn = undrawn.or(Some(not_drawn(file, error))),
+                Err(error) => return Err(not_drawn(file, error)),
             }
         }
-        refused
+        Ok(undrawn)
     }
 }
 
@@ -255,22 +263,16 @@ fn stopped(checkpoint: &Path, placed: u64, grains: u64) -> String {
     }
 }
 
-fn discard(checkpoint: &Path) -> Result<(), Failure> {
-    checkpoints::remove(checkpoint).map_err(|error| cannot_be("removed", checkpoint, &error))
-}
-
 /// Reads a job; `seed` is for one that states none.
-pub(super) fn read_job(job: &Path, seed: u64) -> Result<JobRequest, Failure> {
-    let value = strict_json::parse(&read(job)?).map_err(|problem| {
-        Exit::BadInput.because(format_args!("{} is refused: {}", job.display(), problem.detail))
-    })?;
-    JobRequest::read(&value, seed, None).map_err(|faults| Exit::BadInput.because(listed(job, &faults)))
+pub(super) fn read_job(input: &Input, job: &Path, seed: u64) -> Result<JobRequest, Failure> {
+    JobRequest::read(&input.json(job)?, seed, None)
+        .map_err(|faults| Exit::BadInput.because(listed(job, &faults)))
 }
 
 /// Tells of what is likely to go wrong.
 pub(super) fn warn(warnings: &[String]) {
     for warning in warnings {
-        eprintln!("warning: {warning}");
+        say(&format!("warning: {warning}"));
     }
 }
 
@@ -283,17 +285,6 @@ pub(super) fn refused(job: &Path, error: &PlanError) -> Failure {
         }
     };
     Exit::BadInput.because(text)
-}
-
-pub(super) fn read(job: &Path) -> Result<Vec<u8>, Failure> {
-    let mut text = Vec::new();
-    let read = if job.as_os_str() == "-" {
-        std::io::stdin().lock().read_to_end(&mut text)
-    } else {
-        File::open(job).and_then(|mut file| file.read_to_end(&mut text))
-    };
-    read.map_err(|error| cannot_be("read", job, &error))?;
-    Ok(text)
 }
 
 pub(super) fn listed(job: &Path, faults: &[FieldError]) -> String {

@@ -9,10 +9,11 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::super::exit::{Exit, Failure};
-use super::super::print;
 use super::run_log::{Folder, RunRecord, StudyRecord};
 use super::shards::claims::{self, PointLog, publish};
-use super::{Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, read_request, report};
+use super::{
+    Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, print_table, read_request, report,
+};
 use crate::atomic_file::write_buffered;
 use crate::studies::{Outcome, Study, Table};
 
@@ -41,16 +42,14 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let done = Done::with_void(&study, Log::Merged, records);
     let table = done.table();
     let written = write(options, &study, &done, &table)?;
-    print(&report::table(&table))?;
-    for file in written {
-        print(&format!("{}\n", file.display()))?;
-    }
     let missing = missing(&done, &table, &logs);
     if missing.is_empty() {
         // What killed processes left is of no more use.
         claims::tidy(&options.out)?;
         discard_checkpoints(&options.checkpoints())?;
-        let _ = std::fs::remove_dir(options.checkpoints());
+    }
+    print_table(&table, &written)?;
+    if missing.is_empty() {
         return Ok(());
     }
     let waiting: u64 = table.rows.iter().map(|row| row.cells.waiting).sum();

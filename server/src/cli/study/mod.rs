@@ -25,21 +25,22 @@ use std::time::Duration;
 use clap::Args;
 use packstone_engine::Limits;
 
-use super::exit::{Exit, Failure};
-use super::print;
-use super::run::{format_parser, listed, read};
+use super::exit::{Exit, Failure, is_closed_pipe};
+use super::input::Input;
+use super::run::{format_parser, listed};
 use super::signals::stop_on_signals;
+use super::{print, print_files};
 use crate::checkpoints::Checkpoints;
 use crate::config::{
     DEFAULT_CHECKPOINT_EVERY_S, cores, default_memory_bytes, seconds_or_none, threads_of_one,
 };
 use crate::formats::ResultFormat;
 use crate::jobs::request::draw_seed;
-use crate::strict_json;
 use crate::studies::shards::Shard;
 use crate::studies::stop::Tally;
 use crate::studies::table::Rest;
 use crate::studies::{Outcome, Run, Study, Table};
+use crate::telemetry::say;
 use run_log::{Folder, RunLog, RunRecord, StudyRecord};
 use script::Width;
 use shards::claims::{self, Claims};
@@ -81,6 +82,8 @@ pub(super) struct Options {
     fresh: bool,
     #[command(flatten)]
     parts: Parts,
+    #[command(flatten)]
+    input: Input,
     /// Seconds between two checkpoints of a long run; 0 keeps one at every opportunity
     #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
     checkpoint_every_s: f64,
@@ -147,12 +150,8 @@ fn run_all(options: &Options) -> Result<(), Failure> {
                 options.out.display()
             )));
         }
-        (None, true) => {
-            return Err(Exit::BadInput.because(format_args!(
-                "there is no study in {} to go on with: leave --resume out, or name its folder by --out",
-                options.out.display()
-            )));
-        }
+        // Stopped before the study was recorded, or never begun.
+        (None, true) => say(&format!("there is no study in {}: it starts anew", options.out.display())),
         _ => {}
     }
     let limits = limits(options);
@@ -174,11 +173,12 @@ fn run_all(options: &Options) -> Result<(), Failure> {
     let table = done.table();
     let written = report::write(&options.out, &study, &table, &done.records, !options.no_plot_titles)?;
     let stopped = ended?;
-    print(&report::table(&table))?;
-    for file in written {
-        print(&format!("{}\n", file.display()))?;
-    }
     let waiting: u64 = table.rows.iter().map(|row| row.cells.waiting).sum();
+    if waiting == 0 {
+        // Of runs that were killed, and that a stop rule has made superfluous since.
+        discard_checkpoints(&options.checkpoints())?;
+    }
+    print_table(&table, &written)?;
     if stopped && waiting > 0 {
         return Err(Exit::Interrupted.because(format_args!(
             "stopped on request with {waiting} of {} jobs not done; go on by --resume",
@@ -188,10 +188,16 @@ fn run_all(options: &Options) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Prints the table and the names of the files. A reader that has left does not make the command fail.
+fn print_table(table: &Table, files: &[PathBuf]) -> Result<(), Failure> {
+    match print(&report::table(table)) {
+        Err(failure) if is_closed_pipe(&failure) => Ok(()),
+        printed => printed.and_then(|()| print_files(files)),
+    }
+}
+
 fn read_request(options: &Options) -> Result<serde_json::Value, Failure> {
-    strict_json::parse(&read(&options.study)?).map_err(|problem| {
-        Exit::BadInput.because(format_args!("{} is refused: {}", options.study.display(), problem.detail))
-    })
+    options.input.json(&options.study)
 }
 
 fn limits(options: &Options) -> Limits {
@@ -229,12 +235,14 @@ fn discard_shards(folder: &Path) -> io::Result<()> {
     if folder.exists() { std::fs::remove_dir_all(folder) } else { Ok(()) }
 }
 
-/// Removes the checkpoints of another study. Nothing else in the folder is touched.
+/// Removes the checkpoints of a study that is over, or of another one, and their folder. Nothing else in the folder is
+/// touched.
 fn discard_checkpoints(folder: &Path) -> io::Result<()> {
     if folder.exists() {
         for found in Checkpoints::open(folder.to_owned(), Duration::ZERO)?.list()? {
             Checkpoints::remove_found(&found)?;
         }
+        let _ = std::fs::remove_dir(folder);
     }
     Ok(())
 }

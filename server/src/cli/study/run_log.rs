@@ -18,6 +18,7 @@ use super::super::differences::differences;
 use super::super::exit::{Exit, Failure, cannot_be};
 use crate::atomic_file;
 use crate::studies::{Facts, Outcome, Run, Study};
+use crate::telemetry::say;
 
 const STUDY: &str = "study.json";
 const RUNS: &str = "runs.jsonl";
@@ -63,7 +64,10 @@ impl StudyRecord {
             )));
         }
         if self.engine != ours.engine {
-            eprintln!("warning: the runs in {} were made by another version of the engine", folder.display());
+            say(&format!(
+                "warning: the runs in {} were made by another version of the engine",
+                folder.display()
+            ));
         }
         Ok(())
     }

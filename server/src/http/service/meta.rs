@@ -267,14 +267,53 @@ pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> 
     Ok(axum::Json(Health { status: "ok" }).into_response())
 }
 
+/// Whether the service takes jobs, and what is wrong nevertheless.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct Readiness {
+    /// `ready`.
+    status: &'static str,
+    /// What an operator has to mend although jobs are taken; empty where all is well.
+    details: Vec<ReadinessDetail>,
+}
+
+/// Something that an operator has to mend.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct ReadinessDetail {
+    /// Part of the service: `api_keys` or `webhook_secrets`.
+    part: &'static str,
+    /// What is wrong; the log says more.
+    detail: &'static str,
+}
+
+impl ReadinessDetail {
+    /// All that is wrong now. It holds no names and paths: probes have no key.
+    fn all(app: &App) -> Vec<Self> {
+        let keys = app.shared.accounts.is_keys_file_faulty().then_some(Self {
+            part: "api_keys",
+            detail: "the file of API keys has changed and cannot be used: the keys read before stay in force; the \
+                     server's log says why",
+        });
+        let secrets = app.shared.webhook_secrets.as_ref().is_some_and(|secrets| secrets.is_faulty());
+        let secrets = secrets.then_some(Self {
+            part: "webhook_secrets",
+            detail: "the file of webhook secrets has changed and cannot be used: the secrets read before stay in \
+                     force; the server's log says why",
+        });
+        keys.into_iter().chain(secrets).collect()
+    }
+}
+
 /// Whether the service takes jobs
 ///
 /// False while it starts or stops, and while it cannot write to its data directory: while less space is free than must
-/// stay free, and after a write failed on a full disk until a write succeeds.
+/// stay free, and after a write failed on a full disk until a write succeeds. `details` names what is wrong although
+/// jobs are taken, as a file of API keys that cannot be read again.
 #[cfg_attr(test, utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "get_readiness",
     responses(
-        (status = 200, description = "It takes jobs", body = Health),
+        (status = 200, description = "It takes jobs", body = Readiness),
         crate::http::problems::sets::ReadyProblems
     )
 ))]
@@ -302,7 +341,7 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
         tracing::error!(%error, "the store cannot be written");
         not_ready("the store cannot be written; the server's log says why")
     })?;
-    Ok(axum::Json(Health { status: "ready" }).into_response())
+    Ok(axum::Json(Readiness { status: "ready", details: ReadinessDetail::all(&app) }).into_response())
 }
 
 /// Seconds since the newest checkpoint was written.

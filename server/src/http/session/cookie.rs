@@ -143,13 +143,15 @@ mod tests {
     #[test]
     fn a_session_is_its_key_s_until_either_ends() {
         let folder = tempfile::tempdir().unwrap();
-        let ((key, line), (other, other_line)) = (generate("lab", &[]), generate("field", &[]));
+        let ((key, line), (other, other_line)) =
+            (generate("lab", &["role=admin".into()]), generate("field", &["role=admin".into()]));
         let file = |name: &str, lines: &str| {
             let path = folder.path().join(name);
             std::fs::write(&path, lines).unwrap();
             KeysFile::open(path).unwrap().current()
         };
-        let (both, without) = (file("both", &format!("{line}\n{other_line}\n")), file("one", &other_line));
+        let (both, without) =
+            (file("both", &format!("{line}\n{other_line}\n")), file("one", &format!("{other_line}\n")));
         let sessions = Sessions::default();
         let value = sessions.begin(&digest(&key), 1000);
         let name = |sessions: &Sessions, keys: &ApiKeys, value: &str, now_s: i64| {

@@ -83,7 +83,7 @@ fn begin(options: &Options, limits: &packstone_engine::Limits) -> Result<Study, 
     };
     if !folder.study().exists() {
         let (study, record) = begin(None)?;
-        if create(&folder.study(), &serde_json::to_vec_pretty(&record)?)? {
+        if create(&options.out, &folder.study(), &serde_json::to_vec_pretty(&record)?)? {
             return Ok(study);
         }
     }
@@ -98,7 +98,7 @@ fn begin(options: &Options, limits: &packstone_engine::Limits) -> Result<Study, 
 fn forecast(out: &Path, study: &Study) -> Result<Vec<u64>, Failure> {
     let path = out.join(claims::FOLDER).join(FORECAST);
     let ours = forecast_ms(study);
-    if !path.exists() && create(&path, &serde_json::to_vec(&ours)?)? {
+    if !path.exists() && create(out, &path, &serde_json::to_vec(&ours)?)? {
         return Ok(ours);
     }
     patiently(|| {
