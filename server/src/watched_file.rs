@@ -8,12 +8,14 @@
 //! Who needs the settings takes them from memory ([`WatchedFile::current`]); one task reads the file
 //! ([`WatchedFile::look`]), so that a disk that does not answer holds up that task and no request.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read as _};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
 
+use rustix::fs::OFlags;
 use sha2::{Digest as _, Sha256};
 
 /// Longest file of settings: a hundred thousand keys.
@@ -27,6 +29,9 @@ pub(crate) enum TextError {
     /// It cannot be read.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] io::Error),
+    /// It has become a folder, a pipe or a device.
+    #[error("is not a regular file")]
+    Irregular,
     /// It is no settings.
     #[error("is longer than {MOST_BYTES} bytes")]
     TooLong,
@@ -50,8 +55,19 @@ pub(crate) fn text_of(path: &Path) -> Result<String, TextError> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TextError> {
+    read_all(File::open(path)?)
+}
+
+/// Reads a regular file; does not wait for the writer of a pipe.
+fn read_regular(path: &Path) -> Result<Vec<u8>, TextError> {
+    let flags = OFlags::NONBLOCK.bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    if file.metadata()?.is_file() { read_all(file) } else { Err(TextError::Irregular) }
+}
+
+fn read_all(file: File) -> Result<Vec<u8>, TextError> {
     let mut bytes = Vec::new();
-    File::open(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > MOST_BYTES { Err(TextError::TooLong) } else { Ok(bytes) }
 }
 
@@ -67,6 +83,8 @@ fn checked(bytes: Vec<u8>) -> Result<String, TextError> {
 #[derive(Debug)]
 pub(crate) struct WatchedFile<T> {
     path: PathBuf,
+    /// Whether it was a pipe at the start, which can be read once.
+    is_pipe: bool,
     state: Mutex<State<T>>,
     /// Held by the look that is under way.
     look: Mutex<()>,
@@ -108,11 +126,12 @@ impl<T> WatchedFile<T> {
         path: PathBuf,
         parse: impl FnOnce(&Path, Result<String, TextError>) -> Result<T, E>,
     ) -> Result<Self, E> {
+        let is_pipe = std::fs::metadata(&path).is_ok_and(|found| !found.is_file() && !found.is_dir());
         let read = read(&path);
         let seen = Seen::of(&read);
         let content = Arc::new(parse(&path, read.and_then(checked))?);
         let state = State { content, seen, fault: None, looking: None };
-        Ok(Self { path, state: Mutex::new(state), look: Mutex::default() })
+        Ok(Self { path, is_pipe, state: Mutex::new(state), look: Mutex::default() })
     }
 
     /// What the file said when it was read last and could be used.
@@ -133,8 +152,7 @@ impl<T> WatchedFile<T> {
             Err(TryLockError::WouldBlock) => return None,
         };
         self.state().looking = Some(Instant::now());
-        let is_pipe = std::fs::metadata(&self.path).is_ok_and(|found| !found.is_file());
-        let read = if is_pipe { None } else { Some(read(&self.path)) };
+        let read = if self.is_pipe { None } else { Some(read_regular(&self.path)) };
         let mut state = self.state();
         state.looking = None;
         let read = read?;
@@ -210,6 +228,16 @@ mod tests {
         assert!(watched.look(parse).unwrap().is_err());
         std::fs::remove_file(&path).unwrap();
         assert!(watched.look(parse).unwrap().is_err() && *watched.current() == "three\n");
+        // A pipe that nobody writes, a device without end and a folder in its place.
+        rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        assert!(watched.look(parse).unwrap().unwrap_err().to_string().contains("regular"));
+        std::fs::remove_file(&path).unwrap();
+        std::os::unix::fs::symlink("/dev/zero", &path).unwrap();
+        assert!(watched.look(parse).is_none() && watched.is_faulty(), "it is the same fault");
+        std::fs::remove_file(&path).unwrap();
+        std::fs::create_dir(&path).unwrap();
+        assert!(watched.look(parse).is_none() && watched.is_faulty());
+        std::fs::remove_dir(&path).unwrap();
         std::fs::write(&path, "three\n").unwrap();
         assert!(watched.look(parse).unwrap().is_ok() && !watched.is_faulty());
         assert!(WatchedFile::open(folder.path().join("none"), parse).is_err());

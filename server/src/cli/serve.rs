@@ -22,8 +22,8 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
         let address = service.address()?;
         let (shutdown, reload) = (service.shutdown(), service.reload());
         // The one line on standard output, for whoever started this with port 0.
-        // Where nobody can read it, the service goes on.
-        let _ = print(&format!("packstone listening on http://{address}\n"));
+        // Where nobody can read it, the service goes on, and it does not wait for a reader.
+        std::thread::spawn(move || print(&format!("packstone listening on http://{address}\n")));
         tracing::info!(%address, "listening");
         tokio::spawn(async move {
             let name = loop {

@@ -1,5 +1,7 @@
 //! `packstone worker`: runs jobs of a server on this machine.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -36,6 +38,8 @@ const STOP_BEFORE: Duration = Duration::from_mins(1);
 const STOP_RUNS: Duration = Duration::from_secs(55);
 /// Time between two checkpoints that are sent to the server, by default.
 const SEND_CHECKPOINTS_EVERY_S: f64 = 600.0;
+/// Longest file of a key that is read.
+const MOST_KEY_BYTES: u64 = 1 << 16;
 /// What a shell reports of a process that an interrupt ended.
 const INTERRUPTED: i32 = 130;
 
@@ -225,7 +229,9 @@ fn stop_on_signals(shutdown: CancellationToken) -> Result<(), Failure> {
 }
 
 fn read_key(file: &Path) -> Result<String, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|error| cannot_be("read", file, &error))?;
+    let mut text = String::new();
+    let read = File::open(file).and_then(|file| file.take(MOST_KEY_BYTES).read_to_string(&mut text));
+    read.map_err(|error| cannot_be("read", file, &error))?;
     let key = text.trim();
     if key.is_empty() || key.contains(char::is_whitespace) {
         let text = format!("{} must have one line, the API key", file.display());
@@ -275,12 +281,26 @@ fn end_of_slurm_job() -> Result<Timestamp, Failure> {
     })
 }
 
+/// What the name of a folder of a worker begins with; it ends with the mark of the process.
+const TEMPORARY: &str = "packstone-worker-";
+
 /// A folder of this process alone, which goes with it.
 struct Temporary(PathBuf);
 
 impl Temporary {
+    /// Makes one. Those of workers that were killed are removed.
     fn make() -> Result<Self, Failure> {
-        let folder = std::env::temp_dir().join(format!("packstone-worker-{}", uuid::Uuid::now_v7().simple()));
+        let folder = std::env::temp_dir();
+        for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let mark = name.to_str().and_then(|name| name.strip_prefix(TEMPORARY)?.rsplit('.').next());
+            if mark.and_then(Process::is_alive_by) == Some(false) {
+                // That of another user stays.
+                let _ = std::fs::remove_dir_all(entry.path());
+            }
+        }
+        let mark = Process::current().mark().unwrap_or_default();
+        let folder = folder.join(format!("{TEMPORARY}{}.{mark}", uuid::Uuid::now_v7().simple()));
         std::fs::create_dir(&folder).map_err(|error| cannot_be("made", &folder, &error))?;
         Ok(Self(folder))
     }
@@ -296,6 +316,20 @@ impl Drop for Temporary {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_of_a_dead_worker_is_removed_by_the_next() {
+        let first = Temporary::make().unwrap();
+        let name = first.0.file_name().unwrap().to_str().unwrap().to_owned();
+        let (id, mark) = name.split_once('.').unwrap();
+        let (pid, rest) = mark.split_once('-').unwrap();
+        // Another process had the number before.
+        let dead = first.0.with_file_name(format!("{id}.{pid}-1{rest}"));
+        std::fs::create_dir(&dead).unwrap();
+        std::fs::write(dead.join("result"), "half").unwrap();
+        let second = Temporary::make().unwrap();
+        assert!(!dead.exists() && first.0.exists() && second.0.exists());
+    }
 
     #[test]
     fn a_time_leaves_time_to_stop() {

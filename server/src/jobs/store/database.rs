@@ -196,6 +196,12 @@ mod tests {
         let socket: Database = "postgres://lab:secret@localhost/packstone?host=/run/pg".parse().unwrap();
         assert_eq!(socket.to_string(), "postgres://lab@localhost:5432/packstone?host=/run/pg");
         assert!(matches!("postgres://host:port/db".parse::<Database>(), Err(NoDatabase::Url(_))));
+        for misspelled in ["sslmod=verify-full", "sslmode=verify-ful", "host=/run/pg&ssl_mode=require"] {
+            let refused = format!("postgres://lab:secret@db/packstone?{misspelled}").parse::<Database>();
+            let Err(NoDatabase::Url(fault)) = refused else { panic!("{misspelled}") };
+            assert!(!fault.contains("secret"), "{fault}");
+        }
+        assert!("postgres://lab@db/packstone?sslmode=verify-full".parse::<Database>().is_ok());
     }
 
     #[cfg(not(feature = "postgres"))]

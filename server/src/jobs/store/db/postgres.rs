@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
+use sqlx::postgres::{PgConnectOptions, PgPoolOptions, PgSslMode};
 use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transaction};
 
 use super::connection::{Durability, WAIT};
@@ -35,12 +35,50 @@ const CLOCK: &str = "select (extract(epoch from clock_timestamp()) * 1e6)::bigin
 /// Time after which a connection that nobody uses is closed.
 const IDLE: Duration = Duration::from_mins(10);
 
+/// Parameters of a URL that are understood.
+const PARAMETERS: [&str; 17] = [
+    "application_name",
+    "dbname",
+    "host",
+    "hostaddr",
+    "options",
+    "password",
+    "port",
+    "ssl-ca",
+    "ssl-cert",
+    "ssl-key",
+    "ssl-mode",
+    "ssl-root-cert",
+    "sslcert",
+    "sslkey",
+    "sslmode",
+    "sslrootcert",
+    "user",
+];
+
 /// How to reach the database of a URL, as libpq reads it: with `PGPASSWORD`, `PGPASSFILE` and the like where the URL
 /// says nothing.
 ///
 /// # Errors
-/// The URL cannot be read.
+/// The URL cannot be read, or has a parameter that is unknown: one that is misspelled, as `sslmod=verify-full`, would
+/// leave the connection without encryption. The same holds for the value of `PGSSLMODE`.
 pub(in super::super) fn options(url: &str) -> Result<PgConnectOptions, sqlx::Error> {
+    let refused = |text: String| sqlx::Error::Configuration(text.into());
+    let query = url.split_once('?').map(|(_, query)| query.split('#').next().unwrap_or_default());
+    for (name, _) in form_urlencoded::parse(query.unwrap_or_default().as_bytes()) {
+        let is_known = PARAMETERS.contains(&&*name)
+            || name.starts_with("options[")
+            || name == "statement-cache-capacity";
+        if !is_known {
+            return Err(refused(format!(
+                "the parameter {name:?} is unknown: must be one of {}",
+                PARAMETERS.join(", ")
+            )));
+        }
+    }
+    if let Ok(mode) = std::env::var("PGSSLMODE") {
+        mode.parse::<PgSslMode>().map_err(|error| refused(format!("PGSSLMODE: {error}")))?;
+    }
     Ok(url.parse::<PgConnectOptions>()?.application_name("packstone"))
 }
 
