@@ -3,6 +3,7 @@
  * do what the page does. The browser sends the session cookie by itself; where the server asks for a key, the
  * dialog of `key.js` asks for it once, and the request is sent again.
  */
+import { absolute } from "./address.js";
 
 /** An answer other than 2xx: a problem document (RFC 9457), or what comes nearest to one. */
 export class Problem extends Error {
@@ -62,7 +63,7 @@ export async function signOut() {
 /**
  * Sends a request; the answer is one of status 2xx or 304.
  * @param {string} method
- * @param {string} path
+ * @param {string} path of the service, wherever it lies
  * @param {any} [body] sent as JSON where it is there
  * @param {Options} [options]
  * @returns {Promise<Response>}
@@ -76,7 +77,7 @@ export async function request(method, path, body, options = {}) {
   if (body !== undefined) init.body = JSON.stringify(body);
   let answer;
   try {
-    answer = await fetch(path, init);
+    answer = await fetch(absolute(path), init);
   } catch (error) {
     if (options.signal?.aborted) throw error;
     throw new Problem(0, { title: "No answer", detail: "The server cannot be reached." });
@@ -137,7 +138,7 @@ export function events(path, handlers, connection = {}) {
   };
   const start = () => {
     if (source || document.hidden) return;
-    const here = (source = new EventSource(path));
+    const here = (source = new EventSource(absolute(path)));
     here.onopen = () => {
       wait = 1;
       connection.open?.();

@@ -1,4 +1,5 @@
 /** A request as text: JSON, a command with curl, a script with Python. */
+import { service } from "./address.js";
 
 /** @param {string} words */
 const shellQuoted = (words) => `'${words.replaceAll("'", "'\\''")}'`;
@@ -32,7 +33,7 @@ export function curl(request, withKey) {
   const path = isStudy(request) ? "/v1/studies" : "/v1/jobs";
   const key = withKey ? '-H "Authorization: Bearer $PACKSTONE_API_KEY" ' : "";
   const type = "-H 'Content-Type: application/json'";
-  return `curl -sf ${key}${type} \\\n  ${location.origin}${path} -d ${shellQuoted(json(request))}\n`;
+  return `curl -sf ${key}${type} \\\n  ${service()}${path} -d ${shellQuoted(json(request))}\n`;
 }
 
 /** The literal of Python that stands for a JSON document. @param {any} request */
@@ -46,7 +47,7 @@ export function python(request, withKey) {
   const client = `# pip install ./python${withKey ? "; the key is read from PACKSTONE_API_KEY" : ""}
 import packstone
 
-client = packstone.Client(${JSON.stringify(location.origin)})
+client = packstone.Client(${JSON.stringify(service())})
 `;
   if (isStudy(request)) {
     return `${client}study = client.study(${literal(request)})

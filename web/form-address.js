@@ -15,6 +15,7 @@
  * `study.MEMBER=value` for its other members (`study.replicates=20`). What is a percent-encoded dot is no separator.
  * Any request and study with a template can be written and read back.
  */
+import { absolute } from "./address.js";
 
 /** Objects whose `type` is written as their value. */
 const TYPED = new Set(["specimen", "mix.grading", "mix.shape", "mix.shape.ratios", "distance", "method"]);
@@ -109,7 +110,7 @@ export function address(request) {
     flatten(study, "", "study.", entries);
     if (entries.every((entry) => !/^(vary|study)\./.test(entry))) entries.push("study.replicates=1");
   }
-  return `/#${entries.join("&")}`;
+  return absolute(`/#${entries.join("&")}`);
 }
 
 /**

@@ -3,6 +3,7 @@
  * asked for and shown beside the form, and answers that are overtaken are dropped. The address holds the request
  * (`form-address.js`).
  */
+import { absolute } from "./address.js";
 import { get, Problem, request as ask, send } from "./api.js";
 import { byId, duration, h, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
@@ -200,7 +201,7 @@ async function run() {
     const headers = { "idempotency-key": idempotency.key };
     const accepted = await (await ask("POST", isStudy ? "/v1/studies" : "/v1/jobs", request, { headers })).json();
     idempotency = { body: "", key: "" };
-    location.assign(`/${isStudy ? "studies" : "jobs"}/${accepted.id}`);
+    location.assign(absolute(`/${isStudy ? "studies" : "jobs"}/${accepted.id}`));
   } catch (error) {
     const known = error instanceof Problem && error.status >= 400 && error.status < 500 && error.errors.length;
     if (known) {

@@ -1,4 +1,5 @@
 /** Files of a result: the grains in each format, and exports that the server makes on request. */
+import { absolute } from "./address.js";
 import { get, request as ask, send } from "./api.js";
 import { badge, bytes, h, number, percent, replace, text } from "./dom.js";
 import { fields, FORMATS, TYPES } from "./export-options.js";
@@ -23,7 +24,7 @@ export function downloadPart(job) {
     .filter((/** @type {string} */ f) => GRAINS[f])
     .map((/** @type {string} */ format) => {
       const size = h("span", {}, GRAINS[format]);
-      const href = `${job.links.result}?format=${format}`;
+      const href = absolute(`${job.links.result}?format=${format}`);
       ask("GET", href, undefined, { headers: { range: "bytes=0-0" } }).then(
         (answer) => {
           const total = Number(answer.headers.get("content-range")?.split("/")[1]);
@@ -266,7 +267,7 @@ export class ExportPart {
           item.state === "succeeded"
             ? h(
                 "a",
-                { class: "button", href: item.links.file, download: "", "data-of": `get ${item.links.self}` },
+                { class: "button", href: absolute(item.links.file), download: "", "data-of": `get ${item.links.self}` },
                 "Download",
               )
             : null,

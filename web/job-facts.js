@@ -1,4 +1,5 @@
 /** What is known about a job and its packing, in words and numbers with their units. */
+import { absolute } from "./address.js";
 import { duration, h, number, percent, quantity, when } from "./dom.js";
 
 /** @type {Record<string, string>} */
@@ -31,7 +32,8 @@ export function leadOf(job) {
   /** @type {(Node | string)[][]} */
   const parts = [[h("span", { class: "mono" }, job.id)], ["submitted ", when(job.created_at)]];
   if (job.submitted_by) parts.push(["by ", h("bdi", {}, job.submitted_by)]);
-  if (job.study_id) parts.push([h("a", { href: `/studies/${job.study_id}` }, `study, point ${job.point + 1}`)]);
+  if (job.study_id)
+    parts.push([h("a", { href: absolute(`/studies/${job.study_id}`) }, `study, point ${job.point + 1}`)]);
   if (job.attempt > 1) parts.push([`attempt ${job.attempt} of ${job.max_attempts}`]);
   for (const [key, value] of Object.entries(job.labels)) parts.push([h("bdi", {}, `${key} = ${value}`)]);
   return parts.flatMap((part, i) => (i ? [" · ", ...part] : part));

@@ -1,4 +1,5 @@
 /** Plane cross-sections of a packing, with a slider, and the plots that the server draws. */
+import { absolute } from "./address.js";
 import { h, quantity, replace, text } from "./dom.js";
 
 const MANY = 300_000;
@@ -21,7 +22,7 @@ export function slicePart(job, request, report) {
   const links = h("div", { class: "links" });
   const address = (/** @type {string} */ kind) => {
     const at = Number(((size[axis] * Number(input.value)) / 100).toPrecision(6));
-    return `${job.links.exports}/slice?format=${kind}&axis=${"xyz"[axis]}&at_mm=${at}`;
+    return absolute(`${job.links.exports}/slice?format=${kind}&axis=${"xyz"[axis]}&at_mm=${at}`);
   };
   let busy = false;
   const show = () => {
@@ -150,7 +151,7 @@ export function plotPart(job, request, report) {
         });
         const show = () => {
           const theme = dark.matches ? "&theme=dark" : "";
-          image.src = `${job.links.plots[kind]}?title=false${theme}`;
+          image.src = absolute(`${job.links.plots[kind]}?title=false${theme}`);
         };
         show();
         dark.addEventListener("change", show);
@@ -163,7 +164,7 @@ export function plotPart(job, request, report) {
             { class: "hint" },
             PLOTS[kind],
             " · ",
-            h("a", { href: job.links.plots[kind], download: "" }, "SVG"),
+            h("a", { href: absolute(job.links.plots[kind]), download: "" }, "SVG"),
           ),
         );
         image.addEventListener("error", () =>

@@ -1,4 +1,5 @@
 /** The page of a job: its progress while it runs, then its result. */
+import { absolute, within } from "./address.js";
 import { events, get, Problem, request as ask, send } from "./api.js";
 import { curl, json, python } from "./code.js";
 import { badge, byId, copyButton, h, replace, text } from "./dom.js";
@@ -8,7 +9,7 @@ import { growthPart, RunPart } from "./job-run.js";
 import { plotPart, slicePart } from "./job-slices.js";
 import { announce, confirm, report, shell } from "./shell.js";
 
-const path = `/v1${location.pathname}`;
+const path = `/v1${within(location.pathname)}`;
 const run = new RunPart(byId("run"));
 /** @type {any} The job as last heard of, */
 let job;
@@ -59,7 +60,7 @@ function head() {
 function again() {
   const link = h(
     "a",
-    { class: "button", href: "/", "data-action": "Run again with changes" },
+    { class: "button", href: absolute("/"), "data-action": "Run again with changes" },
     "Run again with changes",
   );
   const fill = async () => {
@@ -94,7 +95,7 @@ async function remove() {
   const words = "The job, its result and all files that were made of it are deleted. This cannot be undone.";
   if (!(await confirm("Delete this job?", words, "Delete job"))) return;
   await send("DELETE", path);
-  location.assign("/jobs");
+  location.assign(absolute("/jobs"));
 }
 
 /**
@@ -177,7 +178,7 @@ function requestPart() {
       "section",
       { class: "panel", "aria-labelledby": "request-title" },
       h("h2", { id: "request-title" }, "Request"),
-      h("p", {}, "The request is long. ", h("a", { href: job.links.request }, "Read it as JSON"), "."),
+      h("p", {}, "The request is long. ", h("a", { href: absolute(job.links.request) }, "Read it as JSON"), "."),
     );
   }
   const withKey = job.submitted_by !== null;

@@ -1,4 +1,5 @@
 /** The list of jobs: filters in the address, pages, and what can be done with each job. */
+import { absolute } from "./address.js";
 import { get, send } from "./api.js";
 import { badge, byId, duration, h, number, replace, when } from "./dom.js";
 import { address } from "./form-address.js";
@@ -33,9 +34,9 @@ function fill() {
   byId("of-study").hidden = !study;
   replace(
     byId("of-study"),
-    study && h("a", { href: `/studies/${study}` }, "One study"),
+    study && h("a", { href: absolute(`/studies/${study}`) }, "One study"),
     study && " only. ",
-    study && h("a", { href: "/jobs" }, "Show all jobs"),
+    study && h("a", { href: absolute("/jobs") }, "Show all jobs"),
   );
 }
 
@@ -45,7 +46,7 @@ function filter() {
   const study = new URLSearchParams(location.search).get("study");
   for (const [name, value] of new FormData(filters)) if (value) chosen.append(name, String(value));
   if (study) chosen.set("study", study);
-  history.pushState(null, "", `/jobs${chosen.size ? `?${chosen}` : ""}`);
+  history.pushState(null, "", absolute(`/jobs${chosen.size ? `?${chosen}` : ""}`));
   watch.now();
 }
 
@@ -78,13 +79,15 @@ function pages(query_, page) {
     next.delete("limit");
     next.delete("cursor");
     if (cursor) next.set("cursor", cursor);
-    return `/jobs${next.size ? `?${next}` : ""}`;
+    return absolute(`/jobs${next.size ? `?${next}` : ""}`);
   };
   const filtered = [...query_.keys()].some((name) => name !== "limit" && name !== "sort" && name !== "cursor");
   replace(
     byId("empty"),
     filtered ? "No job fits these filters. " : "No jobs yet. ",
-    filtered ? h("a", { href: "/jobs" }, "Show all jobs") : h("a", { href: "/" }, "Describe a packing"),
+    filtered
+      ? h("a", { href: absolute("/jobs") }, "Show all jobs")
+      : h("a", { href: absolute("/") }, "Describe a packing"),
   );
   replace(
     byId("pages"),
@@ -123,9 +126,14 @@ function makeRow(first) {
       version = now;
       replace(
         name,
-        h("a", { class: "name", href: `/jobs/${id}` }, h("bdi", {}, job.name || `Job ${id.slice(-8)}`)),
+        h("a", { class: "name", href: absolute(`/jobs/${id}`) }, h("bdi", {}, job.name || `Job ${id.slice(-8)}`)),
         job.study_id &&
-          h("div", { class: "hint" }, h("a", { href: `/studies/${job.study_id}` }, "Study"), `, point ${job.point}`),
+          h(
+            "div",
+            { class: "hint" },
+            h("a", { href: absolute(`/studies/${job.study_id}`) }, "Study"),
+            `, point ${job.point}`,
+          ),
       );
       replace(
         state,

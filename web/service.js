@@ -1,4 +1,5 @@
 /** The state of the service for whoever runs it: readiness, queue, workers, disk, versions, limits. */
+import { absolute } from "./address.js";
 import { get, Problem, request } from "./api.js";
 import { badge, byId, bytes, duration, h, number, replace } from "./dom.js";
 import { live } from "./live.js";
@@ -54,7 +55,7 @@ function showMetrics(of) {
         (state) =>
           /** @type {[string, any]} */ ([
             `Jobs ${state}`,
-            h("a", { href: `/jobs?state=${state}` }, count("packstone_jobs", { state })),
+            h("a", { href: absolute(`/jobs?state=${state}`) }, count("packstone_jobs", { state })),
           ]),
       ),
       ["Exports that wait", count("packstone_exports", { state: "queued" })],

@@ -3,15 +3,17 @@
  * script has run; this module marks the current page, shows the version of the service and who is signed in, and
  * shows problems that belong to no field.
  */
+import { within } from "./address.js";
 import { get, Problem, signIn, signOut } from "./api.js";
 import { byId, h, replace, text } from "./dom.js";
 
 /** Marks the page's link in the navigation, and shows the account. Call it once. */
 export function shell() {
+  const here = within(location.pathname);
   for (const link of document.querySelectorAll("nav a")) {
-    const path = link.getAttribute("href") ?? "";
-    const inside = path === "/" ? location.pathname === "/" : location.pathname.startsWith(path);
-    if (inside) link.setAttribute("aria-current", location.pathname === path ? "page" : "true");
+    const path = within(/** @type {HTMLAnchorElement} */ (link).pathname);
+    const inside = path === "/" ? here === "/" : here.startsWith(path);
+    if (inside) link.setAttribute("aria-current", here === path ? "page" : "true");
   }
   document.addEventListener("session", account);
   account();

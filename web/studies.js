@@ -1,4 +1,5 @@
 /** The list of studies: a filter in the address, pages, and what can be done with each study. */
+import { absolute } from "./address.js";
 import { get } from "./api.js";
 import { badge, byId, h, number, replace, when } from "./dom.js";
 import { live } from "./live.js";
@@ -42,13 +43,14 @@ async function update() {
       byId("empty"),
       filtered ? "No study fits these filters. " : "No studies yet. ",
       filtered
-        ? h("a", { href: "/studies" }, "Show all studies")
+        ? h("a", { href: absolute("/studies") }, "Show all studies")
         : h(
             "a",
             {
-              href:
+              href: absolute(
                 "/#specimen=box&specimen.size_mm=100,100,100&mix.grading=standard&mix.grading.name=A16&mix.d_min_mm=2" +
-                "&mix.volume_fraction=0.6&vary.mix.volume_fraction=0.6,0.7,0.8&study.replicates=10",
+                  "&mix.volume_fraction=0.6&vary.mix.volume_fraction=0.6,0.7,0.8&study.replicates=10",
+              ),
             },
             "Describe a study",
           ),
@@ -57,8 +59,8 @@ async function update() {
     if (page.next_cursor) next.set("cursor", page.next_cursor);
     replace(
       byId("pages"),
-      query_.has("cursor") && h("a", { class: "button", href: "/studies" }, "First page"),
-      page.next_cursor && h("a", { class: "button", rel: "next", href: `/studies?${next}` }, "Next page"),
+      query_.has("cursor") && h("a", { class: "button", href: absolute("/studies") }, "First page"),
+      page.next_cursor && h("a", { class: "button", rel: "next", href: absolute(`/studies?${next}`) }, "Next page"),
     );
     report();
   } catch (error) {
@@ -97,7 +99,7 @@ function makeRow(first) {
         name,
         h(
           "a",
-          { class: "name", href: `/studies/${study.id}` },
+          { class: "name", href: absolute(`/studies/${study.id}`) },
           h("bdi", {}, study.name || `Study ${study.id.slice(-8)}`),
         ),
       );
@@ -120,7 +122,7 @@ filters.addEventListener("input", () => {
   timer = setTimeout(() => {
     const chosen = new URLSearchParams();
     for (const [name, value] of new FormData(filters)) if (value) chosen.append(name, String(value));
-    history.pushState(null, "", `/studies${chosen.size ? `?${chosen}` : ""}`);
+    history.pushState(null, "", absolute(`/studies${chosen.size ? `?${chosen}` : ""}`));
     watch.now();
   }, 250);
 });

@@ -2,6 +2,7 @@
  * The table of a study's points, sorted by any column and shown a hundred rows at a time, so that ten thousand points
  * cost what a hundred cost. The jobs of a point are looked up when they are asked for: a listing has no filter for it.
  */
+import { absolute } from "./address.js";
 import { get } from "./api.js";
 import { badge, duration, h, number, percent, quantity, replace } from "./dom.js";
 import { report } from "./shell.js";
@@ -220,7 +221,7 @@ export class StudyTable {
         h(
           "li",
           {},
-          h("a", { href: `/jobs/${job.id}` }, `Seed ${job.seed}`),
+          h("a", { href: absolute(`/jobs/${job.id}`) }, `Seed ${job.seed}`),
           " ",
           badge(job.state, job.cancel_requested),
         ),

@@ -1,4 +1,5 @@
 /** One study: progress, plots, and the table of its points. */
+import { absolute } from "./address.js";
 import { get, Problem, request } from "./api.js";
 import { badge, byId, duration, h, number, replace, text, when } from "./dom.js";
 import { live } from "./live.js";
@@ -28,7 +29,7 @@ const page = {
   resume: () => {
     watch = live(update);
   },
-  gone: () => location.assign("/studies"),
+  gone: () => location.assign(absolute("/studies")),
 };
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let tag = "";
@@ -161,11 +162,11 @@ async function plot() {
   }
   // A file is for print, whatever the page looks like.
   query.delete("theme");
-  /** @type {HTMLAnchorElement} */ (byId("plot-file")).href = `${path}/plots/${kind.value}?${query}`;
+  /** @type {HTMLAnchorElement} */ (byId("plot-file")).href = absolute(`${path}/plots/${kind.value}?${query}`);
 }
 
 shell();
 for (const field of [kind, abscissa, dark]) field.addEventListener("change", () => plot().catch(report));
-/** @type {HTMLAnchorElement} */ (byId("csv")).href = `${path}/table?format=csv`;
-/** @type {HTMLAnchorElement} */ (byId("jobs")).href = `/jobs?study=${encodeURIComponent(id)}`;
+/** @type {HTMLAnchorElement} */ (byId("csv")).href = absolute(`${path}/table?format=csv`);
+/** @type {HTMLAnchorElement} */ (byId("jobs")).href = absolute(`/jobs?study=${encodeURIComponent(id)}`);
 let watch = live(update);

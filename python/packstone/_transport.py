@@ -54,6 +54,8 @@ class Transport:
         if parts.scheme not in ("http", "https") or not parts.netloc:
             raise ValueError(f"{url!r} is not the address of a server: must be like http://localhost:8080")
         self.url = url.rstrip("/")
+        # The path below which the server lies; the links of a server that knows it begin with it.
+        self._base_path = urlsplit(self.url).path
         self._timeout_s = timeout_s
         self._retry_s = retry_s
         self._headers = {"user-agent": agent, "accept": "application/json"}
@@ -94,6 +96,11 @@ class Transport:
                 self._open = httpx.Client(base_url=self.url, headers=self._headers)
             return self._open
 
+    def _below(self, path: str) -> str:
+        """The path of a link without the one of the server, which every request gets."""
+        is_whole = self._base_path and path.startswith(f"{self._base_path}/")
+        return path[len(self._base_path) :] if is_whole else path
+
     @property
     def has_key(self) -> bool:
         """Whether requests carry an API key."""
@@ -133,7 +140,7 @@ class Transport:
         safe = method != "POST" if repeatable is None else repeatable
         request = self._http.build_request(
             method,
-            path,
+            self._below(path),
             params=given(params),
             content=content,
             headers=fields,
@@ -170,7 +177,7 @@ class Transport:
             limits = self._limits(left_s)
             # A server may name the file in its storage (307). Another host does not get the API key.
             with self._http.stream(
-                "GET", path, params=given(params), headers=headers, timeout=limits, follow_redirects=True
+                "GET", self._below(path), params=given(params), headers=headers, timeout=limits, follow_redirects=True
             ) as response:
                 if response.status_code >= 300 or response.status_code == NOT_MADE_YET:
                     response.read()

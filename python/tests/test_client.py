@@ -101,3 +101,17 @@ def test_an_import_leaves_other_libraries_out(tmp_path: Path) -> None:
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True
     ).stdout
     assert said == "[]\n"
+
+
+def test_a_server_below_a_path_is_a_server(tmp_path: Path) -> None:
+    with LiveServer(tmp_path, "--base-path", "/lab/packstone", "--workers", "1") as live:
+        for url in (f"{live.url}/lab/packstone", f"{live.url}/lab/packstone/"):
+            with packstone.Client(url) as client:
+                job = client.submit(mixes.quick())
+                # Links of the server name the path that every request begins with.
+                assert job.path.startswith("/lab/packstone/v1/jobs/")
+                assert job.wait().succeeded
+                assert job.refresh().succeeded
+                assert job.request["mix"]["grading"] == mixes.quick()["mix"]["grading"]
+                assert len(job.result(timeout=60).grains) > 0
+                assert next(iter(client.jobs())).id == job.id

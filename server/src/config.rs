@@ -10,6 +10,7 @@ use clap::{Args, Command};
 use packstone_engine::Limits;
 
 use crate::accounts::{Quotas, read_rate};
+use crate::base_path::BasePath;
 use crate::blobs::Place;
 use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
@@ -83,7 +84,12 @@ pub(crate) struct ServeOptions {
     /// Listen beyond this machine without API keys
     #[arg(long, env = "PACKSTONE_INSECURE", value_parser = BoolishValueParser::new())]
     pub(crate) insecure: bool,
-    /// Trust `X-Forwarded-For` for the client's address in the log: the server is behind a proxy that sets it
+    /// Path below which clients find this server, as `/packstone`, where a proxy serves it below a path of its host;
+    /// requests are taken with and without it
+    #[arg(long, env = "PACKSTONE_BASE_PATH", value_name = "PATH", default_value = "/")]
+    pub(crate) base_path: BasePath,
+    /// Trust `X-Forwarded-For` for the client's address in the log, and `X-Forwarded-Host` and `X-Forwarded-Proto` for
+    /// the address in the browser: the server is behind a proxy that sets them
     #[arg(long, env = "PACKSTONE_TRUST_PROXY", value_parser = BoolishValueParser::new())]
     pub(crate) trust_proxy: bool,
     /// Name that clients may use for this server in `Host`, beside localhost; counts where it listens on loopback

@@ -26,7 +26,8 @@ use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::http::{OPEN_ROUTES, PROBLEM_JSON};
+use crate::base_path;
+use crate::http::{OPEN_ROUTES, PROBLEM_JSON, protect};
 use crate::tasks;
 
 /// Time that the head of a request may take, and that an idle connection is kept.
@@ -142,7 +143,7 @@ async fn refuse(stream: TcpStream, client: SocketAddr, router: Router) {
     let service = service_fn(move |mut request: Request<Incoming>| {
         let router = router.clone();
         async move {
-            if OPEN_ROUTES.contains(&request.uri().path()) {
+            if OPEN_ROUTES.contains(&base_path::get().strip(request.uri().path())) {
                 request.extensions_mut().insert(ConnectInfo(client));
                 return router.call(request).await;
             }
@@ -169,6 +170,7 @@ fn busy() -> Response<Body> {
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, HeaderValue::from_static(PROBLEM_JSON));
     headers.insert(RETRY_AFTER, HeaderValue::from_static("5"));
+    protect(&mut response);
     response
 }
 

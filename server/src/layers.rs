@@ -11,6 +11,7 @@ const LAYERS: &[&[&str]] = &[
     &[
         "accounts",
         "atomic_file",
+        "base_path",
         "blobs",
         "descriptors",
         "disk",

@@ -9,6 +9,7 @@ mod accounts;
 mod artifacts;
 mod atomic_file;
 mod audit;
+mod base_path;
 mod blobs;
 mod checkpoints;
 mod cli;

@@ -8,6 +8,7 @@ use packstone_engine::export::ExportError;
 use packstone_engine::{FieldError, PlanError};
 use serde::Serialize;
 
+use crate::base_path;
 use crate::failure::{Failure, FailureCode, FailureFacts, first_of};
 
 /// Stands in the table for the end of a job or an export, which is no response and has no status.
@@ -152,7 +153,7 @@ kinds! {
 impl Kind {
     /// The `type` of the document: a reference that this server answers.
     pub(crate) fn type_uri(self) -> String {
-        format!("/problems/{}", self.slug())
+        base_path::absolute(&format!("/problems/{}", self.slug()))
     }
 
     /// The kind of that slug.

@@ -280,6 +280,14 @@ impl Request {
 }
 
 fn check(method: &Method, path: &str, status: StatusCode, headers: &HeaderMap, body: Option<&[u8]>) {
+    // What this server answers; a client that is sent to a bucket gets the answer of that.
+    if headers.contains_key("x-request-id") {
+        let field = |name: &str| headers.get(name).map(|value| value.to_str().expect("ASCII"));
+        assert_eq!(field("x-content-type-options"), Some("nosniff"), "{method} {path}: {headers:?}");
+        let kept = field("cache-control").unwrap_or_else(|| panic!("{method} {path}: no Cache-Control"));
+        let is_error = status.is_client_error() || status.is_server_error();
+        assert!(!is_error || kept == "no-store", "{method} {path}: {status} with Cache-Control {kept}");
+    }
     let content_type =
         headers.get("content-type").map(|value| value.to_str().expect("an ASCII content type"));
     // The contract is one of what is sent, before its coding.

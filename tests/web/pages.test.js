@@ -2,6 +2,7 @@
 // their headers are the same, and without script they say what to do.
 import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
+import { createServer, request } from "node:http";
 import { dirname, posix } from "node:path";
 import { test } from "node:test";
 import { parsers } from "prettier/plugins/acorn";
@@ -35,7 +36,7 @@ function imported(...names) {
 /** The modules that a page loads before anything is done. @param {string} page */
 function modules(page) {
   const found = imported(
-    ...[...read(page).matchAll(/<script[^>]* src="\/assets\/([^"]+)"/g)].map(([, name = ""]) => name),
+    ...[...read(page).matchAll(/<script[^>]* src="(?:\.\.\/)?assets\/([^"]+)"/g)].map(([, name = ""]) => name),
   );
   assert.ok(found.length > 3, `${page} has a script`);
   return found;
@@ -92,7 +93,12 @@ test("scripts are sent without comments and indentation, else as they are, and a
 });
 
 test("all pages have the same header, and say what to do without script", () => {
-  const header = (/** @type {string} */ page) => /<header.*<\/header>/s.exec(read(page))?.[0].replace(/\s*\n\s*/g, "");
+  // Addresses are relative to the page.
+  const header = (/** @type {string} */ page) =>
+    /<header.*<\/header>/s
+      .exec(read(page))?.[0]
+      .replace(/\s*\n\s*/g, "")
+      .replace(/(href|src)="\.{1,2}\//g, '$1="');
   for (const page of PAGES) {
     assert.equal(header(page), header("index.html"), page);
     assert.match(read(page), /<noscript>.*curl.*<\/noscript>/s, page);
@@ -156,3 +162,63 @@ test("every request of the pages is in the description of the interface", inBrow
     await server.end();
   }
 });
+
+/**
+ * A proxy that serves a server below the path `/packstone/`, which it removes.
+ * @param {string} target
+ */
+async function proxyBelowPath(target) {
+  const proxy = createServer((asked, answer) => {
+    if (!asked.url?.startsWith("/packstone/")) {
+      answer.writeHead(404).end();
+      return;
+    }
+    const options = { method: asked.method, headers: asked.headers };
+    const passed = request(target + asked.url.slice("/packstone".length), options, (found) => {
+      answer.writeHead(found.statusCode ?? 502, found.headers);
+      found.pipe(answer);
+    });
+    passed.on("error", () => answer.destroy());
+    answer.on("close", () => passed.destroy());
+    asked.pipe(passed);
+  });
+  await new Promise((resolve) => proxy.listen(0, "127.0.0.1", () => resolve(undefined)));
+  const { port } = /** @type {import("node:net").AddressInfo} */ (proxy.address());
+  return { url: `http://127.0.0.1:${port}/packstone`, end: () => proxy.close(() => {}).closeAllConnections() };
+}
+
+for (const options of [[], ["--base-path", "/packstone"]]) {
+  test(`the pages work below a path, with the options ${JSON.stringify(options)}`, inBrowser, async () => {
+    const [server, browser] = await Promise.all([startServer(options), startBrowser()]);
+    const proxy = await proxyBelowPath(server.url);
+    try {
+      const { page, clean, close } = await openPage(browser, `${proxy.url}/`);
+      // The plan is asked for, and the form submits a job and goes to its page.
+      await page.waitForSelector("#answer dl");
+      await page.click("button[type=submit]");
+      await page.waitForURL(/\/packstone\/jobs\/[0-9a-f-]+$/);
+      await page.waitForSelector("#result section", { timeout: 120_000 });
+      assert.equal(await page.getAttribute("nav a[aria-current]", "aria-current"), "true");
+      for (const [link, address] of [
+        ["Jobs", "/packstone/jobs"],
+        ["Studies", "/packstone/studies"],
+        ["Service", "/packstone/service"],
+        ["New packing", "/packstone/"],
+      ]) {
+        await page.click(`nav a:text-is("${link}")`);
+        await page.waitForURL((to) => to.pathname === address);
+        assert.equal(await page.getAttribute("nav a[aria-current]", "aria-current"), "page", address);
+      }
+      await page.goto(`${proxy.url}/jobs`);
+      await page.click("tbody a.name");
+      await page.waitForURL(/\/packstone\/jobs\/[0-9a-f-]+$/);
+      await page.waitForSelector("#result section");
+      clean();
+      await close();
+    } finally {
+      proxy.end();
+      await browser.close();
+      await server.end();
+    }
+  });
+}

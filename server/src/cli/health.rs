@@ -20,12 +20,15 @@ pub(super) struct Options {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    let authority = options.url.strip_prefix("http://").unwrap_or(&options.url).trim_end_matches('/');
+    let address = options.url.strip_prefix("http://").unwrap_or(&options.url).trim_end_matches('/');
+    // The service may lie below a path.
+    let (authority, below) = address.split_once('/').unwrap_or((address, ""));
+    let prefix = if below.is_empty() { String::new() } else { format!("/{below}") };
     let address = authority.to_socket_addrs()?.next().ok_or("the address has no host")?;
     let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
-    let request = format!("GET /readyz HTTP/1.1\r\nHost: {authority}\r\nConnection: close\r\n\r\n");
+    let request = format!("GET {prefix}/readyz HTTP/1.1\r\nHost: {authority}\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes())?;
     let mut answer = String::new();
     stream.take(1 << 16).read_to_string(&mut answer)?;

@@ -4,6 +4,7 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use super::exit::Failure;
 use super::{block_on, print};
+use crate::base_path;
 use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry;
@@ -14,6 +15,7 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
     for variable in unknown {
         tracing::warn!(variable, "no option has this variable: it is misspelled, or of another version");
     }
+    base_path::set(options.base_path.clone());
     block_on(async {
         let mut terminate = signal(SignalKind::terminate())?;
         let mut interrupt = signal(SignalKind::interrupt())?;

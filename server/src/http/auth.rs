@@ -17,9 +17,10 @@ pub(crate) fn caller(
     sessions: &Sessions,
     method: &Method,
     headers: &HeaderMap,
+    site: Site,
 ) -> Result<Caller, Problem> {
     let Some(field) = headers.get(header::AUTHORIZATION) else {
-        return of_session(keys, sessions, method, headers);
+        return of_session(keys, sessions, method, headers, site);
     };
     let key = field.to_str().ok().and_then(bearer).unwrap_or_default();
     of_key(keys, key)
@@ -38,6 +39,7 @@ fn of_session(
     sessions: &Sessions,
     method: &Method,
     headers: &HeaderMap,
+    site: Site,
 ) -> Result<Caller, Problem> {
     if !Sessions::has_cookie(headers) {
         return Err(refusal("the request carries no API key", "Bearer realm=\"packstone\""));
@@ -45,7 +47,7 @@ fn of_session(
     let ended = || refusal("the session has ended: send the API key to POST /session again", INVALID);
     let caller = sessions.caller(keys, headers, Timestamp::now().as_second()).ok_or_else(ended)?;
     let reads = [Method::GET, Method::HEAD, Method::OPTIONS].contains(method);
-    if reads || Site::of(headers) == Site::Own {
+    if reads || site == Site::Own {
         return Ok(caller);
     }
     let detail = "a session changes something for pages of this server only: Sec-Fetch-Site must be same-origin, or \
@@ -81,7 +83,7 @@ mod tests {
         let with = |authorization: &str| {
             let mut headers = HeaderMap::new();
             headers.insert(header::AUTHORIZATION, authorization.parse().unwrap());
-            caller(&keys, &Sessions::default(), &Method::GET, &headers)
+            caller(&keys, &Sessions::default(), &Method::GET, &headers, Site::Unknown)
         };
         assert_eq!(with(&format!("Bearer {key}")).unwrap().by.key, "lab");
         assert_eq!(with(&format!("bearer {key}")).unwrap().by.key, "lab");
@@ -90,6 +92,7 @@ mod tests {
             assert_eq!(problem.status, 401, "{refused}");
             assert_eq!(problem.headers[0].0, "www-authenticate");
         }
-        assert!(caller(&keys, &Sessions::default(), &Method::GET, &HeaderMap::new()).is_err());
+        let without = HeaderMap::new();
+        assert!(caller(&keys, &Sessions::default(), &Method::GET, &without, Site::Unknown).is_err());
     }
 }

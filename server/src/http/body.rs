@@ -6,11 +6,13 @@ use axum::body::Body;
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
+use serde_json::Value;
 use tokio::time::{Instant, timeout, timeout_at};
 
-use crate::http::app::App;
+use crate::http::app::{App, SMALL_BODY_BYTES};
 use crate::http::params::shown;
 use crate::problem::{Kind, Problem};
+use crate::strict_json;
 use crate::tasks;
 
 /// Longest pause between two pieces of a body.
@@ -32,6 +34,18 @@ pub(crate) async fn json_bytes(app: &App, headers: &HeaderMap, body: Body) -> Re
         return Err(problem);
     }
     collect(body, app.shared.max_body_bytes).await
+}
+
+/// Reads a JSON body. One that is long is parsed off the threads that answer.
+///
+/// # Errors
+/// Those of [`json_bytes`], and `malformed-json`.
+pub(crate) async fn json(app: &App, headers: &HeaderMap, body: Body) -> Result<Value, Problem> {
+    let bytes = json_bytes(app, headers, body).await?;
+    if bytes.len() <= SMALL_BODY_BYTES {
+        return Ok(strict_json::parse(&bytes)?);
+    }
+    Ok(app.shared.documents.run(move |_| strict_json::parse(&bytes)).await??)
 }
 
 /// Refuses what need not be read to be refused.

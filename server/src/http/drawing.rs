@@ -10,6 +10,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 
 use crate::http::app::App;
+use crate::http::files::FileName;
 use crate::http::params::values::{Flag, OrDefault};
 use crate::http::params::{Choice, parameters};
 use crate::http::response::set;
@@ -71,11 +72,11 @@ pub(crate) fn not_modified(etag: &str) -> Response {
 }
 
 /// The drawing as an answer.
-pub(crate) fn svg(drawn: String, etag: &str, filename: &str) -> Response {
+pub(crate) fn svg(drawn: String, etag: &str, filename: &FileName) -> Response {
     let mut response = drawn.into_response();
     set(&mut response, header::ETAG, etag);
     response.headers_mut().insert(header::CONTENT_TYPE, HeaderValue::from_static(plots::MEDIA_TYPE));
-    set(&mut response, header::CONTENT_DISPOSITION, &format!("inline; filename=\"{filename}\""));
+    set(&mut response, header::CONTENT_DISPOSITION, &filename.disposition(true));
     // A browser that opens it must not run what a viewer of pictures would not.
     let policy = "default-src 'none'; sandbox";
     set(&mut response, header::CONTENT_SECURITY_POLICY, policy);

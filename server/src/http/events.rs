@@ -12,8 +12,8 @@ use std::time::Duration;
 use axum::Extension;
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::sse::{Event, KeepAlive, Sse};
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
+use axum::response::sse::Event;
 use futures_util::stream::{self, Stream};
 use serde::Serialize;
 use tokio::sync::watch;
@@ -22,13 +22,12 @@ use tokio::time::{Instant, sleep, timeout};
 use crate::accounts::Caller;
 use crate::hex;
 use crate::http::app::App;
+use crate::http::event_stream::event_stream;
 use crate::http::params::{NoParameters, Query};
 use crate::jobs::journal::Changed;
 use crate::jobs::store::{Standing, StoreError};
 use crate::problem::Problem;
 
-/// Proxies close what is silent for longer.
-const KEEP_ALIVE: Duration = Duration::from_secs(15);
 /// Changes are collected for so long.
 const COLLECT: Duration = Duration::from_millis(50);
 /// Items that are read from the database at once.
@@ -146,7 +145,7 @@ pub(crate) async fn events(
         ends_at: Instant::now() + LONGEST,
         ended: false,
     };
-    Ok(Sse::new(follow(following)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+    Ok(event_stream(follow(following)))
 }
 
 fn id_of(number: u64) -> String {

@@ -37,23 +37,61 @@ const MAX_NAME_CHARS: usize = 60;
 /// Digits of the ID that tell jobs of one name apart: the random end of it.
 const ID_DIGITS: usize = 8;
 
-/// Beginning of the name of a job's files: its name as far as file names allow, and the end of its ID; else the ID.
-pub(crate) fn stem(job: &JobRecord) -> String {
-    named(job.name.as_deref(), &job.id.to_string())
+/// The name under which a client saves a file: as the job is called, and for old clients in ASCII.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct FileName {
+    name: String,
+    ascii: String,
 }
 
-fn named(name: Option<&str>, id: &str) -> String {
-    let allowed = |c: char| if c.is_ascii_alphanumeric() || "_.".contains(c) { c } else { '-' };
-    let mut slug: String = name.unwrap_or_default().chars().map(allowed).take(MAX_NAME_CHARS).collect();
+impl FileName {
+    /// The name of a job as far as file names allow, and the end of its ID, with an ending; without a name the ID.
+    pub(crate) fn of(job: &JobRecord, ending: &str) -> Self {
+        Self::named(job.name.as_deref(), &job.id.to_string(), ending)
+    }
+
+    fn named(name: Option<&str>, id: &str, ending: &str) -> Self {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "_.".contains(c);
+        // Accents may be marks of their own.
+        let is_letter = |c: char| is_plain(c) || c.is_alphanumeric() || ('\u{300}'..='\u{36f}').contains(&c);
+        let with = |is_allowed: &dyn Fn(char) -> bool| match slug(name.unwrap_or_default(), is_allowed) {
+            slug if slug.is_empty() => format!("{id}.{ending}"),
+            slug => format!("{slug}-{}.{ending}", &id[id.len().saturating_sub(ID_DIGITS)..]),
+        };
+        Self { name: with(&is_letter), ascii: with(&is_plain) }
+    }
+
+    /// A name that is plain ASCII.
+    pub(crate) fn plain(name: String) -> Self {
+        Self { ascii: name.clone(), name }
+    }
+
+    /// `Content-Disposition` of a file that is shown, or saved (RFC 6266; the encoding of RFC 8187).
+    pub(crate) fn disposition(&self, inline: bool) -> String {
+        let how = if inline { "inline" } else { "attachment" };
+        let mut disposition = format!("{how}; filename=\"{}\"", self.ascii);
+        if self.name != self.ascii {
+            disposition.push_str("; filename*=UTF-8''");
+            for byte in self.name.bytes() {
+                match byte {
+                    b'-' | b'_' | b'.' => disposition.push(byte.into()),
+                    _ if byte.is_ascii_alphanumeric() => disposition.push(byte.into()),
+                    _ => disposition.push_str(&format!("%{byte:02X}")),
+                }
+            }
+        }
+        disposition
+    }
+}
+
+/// A text with hyphens in the places of what is not allowed, one for several, and none at its ends.
+fn slug(text: &str, is_allowed: &dyn Fn(char) -> bool) -> String {
+    let mut slug: String =
+        text.chars().map(|c| if is_allowed(c) { c } else { '-' }).take(MAX_NAME_CHARS).collect();
     while slug.contains("--") {
         slug = slug.replace("--", "-");
     }
-    let slug = slug.trim_matches(|c| "-.".contains(c));
-    if slug.is_empty() {
-        id.to_owned()
-    } else {
-        format!("{slug}-{}", &id[id.len().saturating_sub(ID_DIGITS)..])
-    }
+    slug.trim_matches(|c| "-.".contains(c)).to_owned()
 }
 
 /// What a file is called and how it is shown.
@@ -62,7 +100,7 @@ pub(crate) struct Described {
     /// Strong tag.
     pub(crate) etag: String,
     pub(crate) content_type: HeaderValue,
-    pub(crate) filename: String,
+    pub(crate) filename: FileName,
     /// Shown by a browser instead of saved.
     pub(crate) inline: bool,
     /// Whether `Accept` had a say in it.
@@ -181,8 +219,7 @@ impl Described {
 
     /// `Content-Disposition`.
     pub(crate) fn disposition(&self) -> String {
-        let how = if self.inline { "inline" } else { "attachment" };
-        format!("{how}; filename=\"{}\"", self.filename)
+        self.filename.disposition(self.inline)
     }
 
     fn describe(&self, response: &mut Response) {
@@ -241,15 +278,30 @@ mod tests {
     #[test]
     fn names_of_files_are_plain_and_differ_between_jobs() {
         let id = "01900000-0000-7000-8000-0123456789ab";
-        for (name, stem) in [
-            (None, id.to_owned()),
-            (Some("A16 cube"), "A16-cube-456789ab".to_owned()),
-            (Some("../../etc/passwd"), "etc-passwd-456789ab".to_owned()),
-            (Some("\"; rm\r\n"), "rm-456789ab".to_owned()),
-            (Some("Würfel, 0.70"), "W-rfel-0.70-456789ab".to_owned()),
-            (Some("日本"), id.to_owned()),
+        for (name, disposition) in [
+            (None, "filename=\"01900000-0000-7000-8000-0123456789ab.npy\""),
+            (Some("A16 cube"), "filename=\"A16-cube-456789ab.npy\""),
+            (Some("../../etc/passwd"), "filename=\"etc-passwd-456789ab.npy\""),
+            (Some("\"; rm\r\n"), "filename=\"rm-456789ab.npy\""),
+            (
+                Some("Würfel, 0.70"),
+                "filename=\"W-rfel-0.70-456789ab.npy\"; filename*=UTF-8''W%C3%BCrfel-0.70-456789ab.npy",
+            ),
+            (
+                Some("Wu\u{308}rfel"),
+                "filename=\"Wu-rfel-456789ab.npy\"; filename*=UTF-8''Wu%CC%88rfel-456789ab.npy",
+            ),
+            (
+                Some("日本"),
+                "filename=\"01900000-0000-7000-8000-0123456789ab.npy\"; \
+                 filename*=UTF-8''%E6%97%A5%E6%9C%AC-456789ab.npy",
+            ),
+            // What turns the direction of writing could hide an ending.
+            (Some("a\u{202e}gpj"), "filename=\"a-gpj-456789ab.npy\""),
         ] {
-            assert_eq!(named(name, id), stem, "{name:?}");
+            let named = FileName::named(name, id, "npy");
+            assert_eq!(named.disposition(false), format!("attachment; {disposition}"), "{name:?}");
+            assert!(named.disposition(true).starts_with("inline; "));
         }
     }
 }

@@ -21,6 +21,8 @@ use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
 use crate::http::auditing::Audited;
 use crate::http::problems::{PROBLEM_JSON, Unwritten};
+use crate::http::response::protect;
+use crate::http::session::Site;
 use crate::http::{access, auth, hosts, session, web};
 use crate::problem::{Kind, Problem};
 
@@ -54,10 +56,13 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let mut key = String::new();
     let mut audited = None;
     let mut response = async {
-        let known = hosts::check(request.version(), request.headers(), app.shared.hosts.as_ref());
+        let (uri, headers) = (request.uri(), request.headers());
+        let known = hosts::check(request.version(), uri, headers, app.shared.hosts.as_ref());
+        let site = Site::of(uri, headers, app.shared.trust_proxy);
         let admitted = async {
             known?;
-            let caller = authorize(&app, &route, &method, request.headers())?;
+            site.check(&method)?;
+            let caller = authorize(&app, &route, &method, request.headers(), site)?;
             key.clone_from(&caller.by.key);
             admit(&app, &route, &caller)?;
             audited = Audited::begin(&app, (&method, &route, &path), &id, &client, &caller);
@@ -67,6 +72,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         match admitted.await {
             Ok(caller) => {
                 request.extensions_mut().insert(caller);
+                request.extensions_mut().insert(site);
                 AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
                     tracing::error!("the handler panicked");
                     Problem::internal().into_response()
@@ -90,6 +96,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     if let Ok(id) = HeaderValue::try_from(id) {
         response.headers_mut().insert(REQUEST_ID, id);
     }
+    protect(&mut response);
     let took = started.elapsed();
     app.shared.metrics.request_answered(known_method(&method), &route, status.as_u16(), took);
     let took_ms = (took.as_secs_f64() * 1e5).round() / 1e2;
@@ -135,11 +142,17 @@ fn known_method(method: &Method) -> &'static str {
     }
 }
 
-fn authorize(app: &App, route: &str, method: &Method, headers: &HeaderMap) -> Result<Caller, Problem> {
+fn authorize(
+    app: &App,
+    route: &str,
+    method: &Method,
+    headers: &HeaderMap,
+    site: Site,
+) -> Result<Caller, Problem> {
     let sessions = &app.shared.sessions;
     match app.shared.accounts.keys() {
         Some(keys) if route == session::ROUTE => Ok(session::caller(sessions, &keys, method, headers)),
-        Some(keys) if !is_open(route) => auth::caller(&keys, sessions, method, headers),
+        Some(keys) if !is_open(route) => auth::caller(&keys, sessions, method, headers, site),
         _ => Ok(Caller::default()),
     }
 }

@@ -10,6 +10,7 @@ use sha2::{Digest, Sha256};
 #[cfg(test)]
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
+use crate::base_path;
 use crate::hex;
 use crate::http::params::values::{Value, WholeNumber};
 use crate::http::params::{ParameterSet, pairs, parameters, shown};
@@ -78,7 +79,7 @@ fn no_cursor(text: &str) -> String {
 /// The next page's address with its relation, for `Link`; `query` are its parameters.
 pub(crate) fn link(path: &str, query: &impl ParameterSet) -> String {
     let query = form_urlencoded::Serializer::new(String::new()).extend_pairs(pairs(query)).finish();
-    format!("<{path}?{query}>; rel=\"next\"")
+    format!("<{}?{query}>; rel=\"next\"", base_path::absolute(path))
 }
 
 /// The cursor of the page that follows an item.

@@ -58,6 +58,20 @@ pub(crate) fn is_long(value: &Value) -> bool {
     left == 0
 }
 
+/// Adds what every answer has: browsers take its type as it says, and no cache gives it to others. A cache may keep what
+/// is no error, and asks each time whether it is still right.
+pub(crate) fn protect<B>(response: &mut axum::http::Response<B>) {
+    let is_error = response.status().is_client_error() || response.status().is_server_error();
+    let headers = response.headers_mut();
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    if is_error {
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    } else {
+        let private = HeaderValue::from_static("private, no-cache");
+        headers.entry(header::CACHE_CONTROL).or_insert(private);
+    }
+}
+
 /// Sets a header field whose value is known to be plain ASCII.
 pub(crate) fn set(response: &mut Response, name: header::HeaderName, value: &str) {
     if let Ok(value) = HeaderValue::from_str(value) {

@@ -1,12 +1,20 @@
 //! The routes, and the layers around them.
 
-use axum::Router;
-use axum::http::header;
-use axum::middleware;
-use axum::response::{IntoResponse as _, Response};
-use axum::routing::get;
+use std::sync::LazyLock;
 
+use axum::Router;
+use axum::extract::Request;
+use axum::http::{Method, Uri, header};
+use axum::middleware;
+use axum::response::{IntoResponse as _, Redirect, Response};
+use axum::routing::get;
+use hyper::service::Service as _;
+use hyper_util::service::TowerToHyperService;
+use serde_json::Value;
+
+use crate::base_path;
 use crate::http::app::App;
+use crate::http::response::protect;
 use crate::http::{
     contract, events, exports, jobs, leases, observe, results, service, session, studies, web,
 };
@@ -84,8 +92,40 @@ routes! {
     get "/problems/{kind}" => service::problem_pages: get,
 }
 
-/// The service as a router.
+/// The service as a router. Below a base path requests are taken with and without it: one proxy removes it, another
+/// does not, and probes know nothing of it.
 pub(crate) fn router(app: App) -> Router {
+    let at_root = at_root(app);
+    let base = base_path::get();
+    if base.as_str().is_empty() {
+        return at_root;
+    }
+    let at_root = TowerToHyperService::new(at_root);
+    Router::new().fallback(async move |mut request: Request| {
+        let path = request.uri().path();
+        if path == base.as_str() && request.method() == Method::GET {
+            // The addresses of its pages are relative to a folder.
+            let mut redirect = Redirect::permanent(&base_path::absolute("/")).into_response();
+            protect(&mut redirect);
+            return redirect;
+        }
+        let below = base.strip(path);
+        if below.len() < path.len() {
+            let query = request.uri().query().map(|query| format!("?{query}")).unwrap_or_default();
+            let mut parts = request.uri().clone().into_parts();
+            parts.path_and_query = format!("{below}{query}").parse().ok();
+            if let Ok(uri) = Uri::from_parts(parts) {
+                *request.uri_mut() = uri;
+            }
+        }
+        match at_root.call(request).await {
+            Ok(response) => response,
+            Err(never) => match never {},
+        }
+    })
+}
+
+fn at_root(app: App) -> Router {
     web::add_to(routes(Router::new()), &app)
         .route("/openapi.json", get(openapi_json))
         .fallback(|| async { Problem::new(Kind::NotFound, "there is no such route") })
@@ -94,5 +134,13 @@ pub(crate) fn router(app: App) -> Router {
 }
 
 async fn openapi_json() -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], contract::JSON).into_response()
+    /// The document with the address of this server below its host.
+    static BELOW: LazyLock<Option<String>> = LazyLock::new(|| {
+        let base = base_path::get();
+        let mut document: Value = serde_json::from_str(contract::JSON).ok()?;
+        *document.pointer_mut("/servers/0/url")? = base.as_str().into();
+        (!base.as_str().is_empty()).then(|| document.to_string())
+    });
+    let document = BELOW.as_deref().unwrap_or(contract::JSON);
+    ([(header::CONTENT_TYPE, "application/json")], document).into_response()
 }

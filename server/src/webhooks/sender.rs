@@ -16,6 +16,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::signature::SecretsFile;
 use super::{WebhookRules, WebhookUrl};
+use crate::base_path::{self, BasePath};
 use crate::http_client::ClientError;
 use crate::jobs::store::{Attempt, Delivery, Store, StoreError};
 use crate::metrics::Metrics;
@@ -241,15 +242,31 @@ impl WebhookSender {
 
     fn request(&self, url: &WebhookUrl, delivery: &Delivery) -> Result<Request<Body>, axum::http::Error> {
         let timestamp = Timestamp::now().as_second();
-        let signature = self.secrets.current().sign(&delivery.id, timestamp, &delivery.body);
+        let body = below(base_path::get(), &delivery.body);
+        let signature = self.secrets.current().sign(&delivery.id, timestamp, &body);
         Request::post(url.target())
             .header(header::USER_AGENT, concat!("packstone/", env!("CARGO_PKG_VERSION")))
             .header(header::CONTENT_TYPE, "application/json")
             .header("webhook-id", &delivery.id)
             .header("webhook-timestamp", timestamp)
             .header("webhook-signature", signature)
-            .body(Body::from(delivery.body.clone()))
+            .body(Body::from(body))
     }
+}
+
+/// A message with the links that clients find: the store records them without the base path of a server.
+fn below(base: &BasePath, message: &str) -> String {
+    const LINK: &str = "/data/links/self";
+    if base.as_str().is_empty() {
+        return message.to_owned();
+    }
+    let Ok(mut document) = serde_json::from_str::<serde_json::Value>(message) else {
+        return message.to_owned();
+    };
+    if let Some(serde_json::Value::String(link)) = document.pointer_mut(LINK) {
+        link.insert_str(0, base.as_str());
+    }
+    document.to_string()
 }
 
 /// What an answer stands for.
@@ -300,6 +317,14 @@ fn pause(before: u32, first: Duration, spread: f64) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn links_begin_with_the_base_path() {
+        let message = r#"{"type":"job.succeeded","data":{"id":"a","links":{"self":"/v1/jobs/a"}}}"#;
+        assert_eq!(below(&BasePath::default(), message), message);
+        let base: BasePath = "/packstone".parse().unwrap();
+        assert_eq!(below(&base, message), message.replace("/v1/", "/packstone/v1/"));
+    }
 
     #[test]
     fn pauses_double_up_to_an_hour() {

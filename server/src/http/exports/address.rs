@@ -15,10 +15,11 @@ use utoipa::openapi::path::{Parameter as Described, ParameterBuilder, ParameterI
 #[cfg(test)]
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 
+use crate::base_path;
 use crate::exports::{NewExport, estimates};
 use crate::failure::FailureCode;
 use crate::http::app::App;
-use crate::http::files::stem;
+use crate::http::files::FileName;
 #[cfg(test)]
 use crate::http::params::described::{described_query, path_parameter, uuid_schema};
 use crate::http::params::values::Value;
@@ -140,17 +141,25 @@ impl Target {
         Ok(Self { job, export, new })
     }
 
+    /// Whether the export was requested before.
+    ///
+    /// # Errors
+    /// The store's.
+    pub(crate) async fn is_known(&self, app: &App) -> Result<bool, Problem> {
+        Ok(app.shared.store.knows_export(self.job.seq, &self.new.key).await?)
+    }
+
     /// Refuses what cannot be made of the job's specimen, and a file that would not fit on the disk or into a quota.
     /// What was accepted before is not judged again.
     ///
     /// # Errors
     /// `format-not-available`, `too-large`, `validation-error` or `insufficient-storage`.
     pub(crate) async fn check(&self, app: &App) -> Result<(), Problem> {
-        let store = &app.shared.store;
-        if store.knows_export(self.job.seq, &self.new.key).await? {
+        if self.is_known(app).await? {
             return Ok(());
         }
-        let request = store.request(self.job.seq).await.map_err(|error| refused(error, self.job.id))?;
+        let request =
+            app.shared.store.request(self.job.seq).await.map_err(|error| refused(error, self.job.id))?;
         let (export, id, shared) = (self.export.clone(), self.job.id, Arc::clone(&app.shared));
         let estimated = app.shared.compute.run(move |_| {
             let packed = JobRequest::read(&request, 0, None).map_err(|faults| {
@@ -175,19 +184,19 @@ impl Target {
     }
 
     /// The name under which a client saves the file: it differs between jobs and between options.
-    pub(crate) fn file_name(&self) -> String {
-        format!("{}.{}", stem(&self.job), self.export.file_ending())
+    pub(crate) fn file_name(&self) -> FileName {
+        FileName::of(&self.job, &self.export.file_ending())
     }
 }
 
 /// The path of an export's file: `options` is its stored JSON.
 pub(crate) fn file_path(job: JobId, kind: ExportType, options: &Json) -> String {
-    format!("/v1/jobs/{job}/exports/{}{}", kind.name(), query(kind, options))
+    base_path::absolute(&format!("/v1/jobs/{job}/exports/{}{}", kind.name(), query(kind, options)))
 }
 
 /// The path of an export's document.
 pub(crate) fn status_path(job: JobId, kind: ExportType, options: &Json) -> String {
-    format!("/v1/jobs/{job}/exports/{}/status{}", kind.name(), query(kind, options))
+    base_path::absolute(&format!("/v1/jobs/{job}/exports/{}/status{}", kind.name(), query(kind, options)))
 }
 
 fn query(kind: ExportType, options: &Json) -> String {

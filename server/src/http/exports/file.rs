@@ -3,6 +3,7 @@
 use std::io;
 use std::time::Duration;
 
+use axum::Extension;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
@@ -20,6 +21,7 @@ use crate::http::files::{self, Coding, Described};
 use crate::http::params::Query;
 use crate::http::problems::of_fault;
 use crate::http::response::set;
+use crate::http::session::Site;
 use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::Fault;
 use crate::problem::{Kind, Problem};
@@ -59,10 +61,14 @@ pub(crate) async fn get(
     State(app): State<App>,
     path: ExportPath,
     Query(options): Query<ExportOptions>,
+    Extension(site): Extension<Site>,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let target = Target::read(&app, path, &options).await?;
+    if !target.is_known(&app).await? {
+        site.check_start(&headers)?;
+    }
     target.check(&app).await?;
     let described = described(&target);
     if let Some(response) = described.not_modified(&headers) {

@@ -6,6 +6,7 @@ use packstone_engine::export::ExportType;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::base_path;
 use crate::exports::{ExportRecord, ExportState};
 use crate::http::exports::address::{file_path, status_path};
 use crate::http::response::{set, time};
@@ -96,7 +97,7 @@ impl ExportLinks {
         Self {
             this: status_path(job, kind, options),
             file: file_path(job, kind, options),
-            job: format!("/v1/jobs/{job}"),
+            job: base_path::absolute(&format!("/v1/jobs/{job}")),
         }
     }
 }

@@ -6,17 +6,17 @@
 //! changed in between is told once, as it stands then.
 
 use std::convert::Infallible;
-use std::time::Duration;
 
 use axum::extract::State;
 use axum::http::HeaderMap;
-use axum::response::sse::{Event, KeepAlive, Sse};
-use axum::response::{IntoResponse as _, Response};
+use axum::response::Response;
+use axum::response::sse::Event;
 use futures_util::stream::{self, Stream};
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::http::app::App;
+use crate::http::event_stream::event_stream;
 use crate::http::jobs::view::JobSummary;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
 use crate::http::problems::refused;
@@ -24,9 +24,6 @@ use crate::jobs::notifications::Subscription;
 use crate::jobs::store::StoreError;
 use crate::jobs::{self, JobId, JobRecord};
 use crate::problem::Problem;
-
-/// Proxies close what is silent for longer.
-const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// One event of the stream.
 #[derive(Debug)]
@@ -109,7 +106,7 @@ pub(crate) async fn events(
         queue: Vec::new(),
         ended: false,
     };
-    Ok(Sse::new(follow(following)).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+    Ok(event_stream(follow(following)))
 }
 
 /// What a stream has told its client.

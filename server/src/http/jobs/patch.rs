@@ -18,7 +18,6 @@ use crate::http::problems::refused;
 use crate::http::webhooks;
 use crate::jobs::request::{Change, JobPatch};
 use crate::problem::Problem;
-use crate::strict_json;
 
 /// Change a job
 ///
@@ -47,8 +46,8 @@ pub(crate) async fn patch(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let bytes = body::json_bytes(&app, &headers, body).await?;
-    let patch = JobPatch::read(&strict_json::parse(&bytes)?, Timestamp::now()).map_err(Failure::invalid)?;
+    let body = body::json(&app, &headers, body).await?;
+    let patch = JobPatch::read(&body, Timestamp::now()).map_err(Failure::invalid)?;
     if let Change::Set(url) = &patch.webhook_url {
         webhooks::check(&app.shared.webhook_rules, Some(url))?;
         if app.shared.store.get(id).await?.is_some_and(|job| job.study.is_some()) {

@@ -8,10 +8,11 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 
 use crate::http::app::App;
+use crate::http::conditional;
 use crate::http::drawing::{PlotOptions, not_drawn, not_modified, svg, turn};
+use crate::http::files::FileName;
 use crate::http::params::{PlotPath, Query};
 use crate::http::results::{blocking, finished};
-use crate::http::{conditional, files};
 use crate::plots::draw;
 use crate::plots::job::{self as job_plots, JobPlot, JobResult};
 use crate::plots::theme::themed;
@@ -57,7 +58,7 @@ pub(crate) async fn get(
     if conditional::none_match_fails(&headers, &etag) {
         return Ok(not_modified(&etag));
     }
-    let name = format!("{}.{}.svg", files::stem(&job), kind.name());
+    let name = FileName::of(&job, &format!("{}.svg", kind.name()));
     let permit = turn(&app).await?;
     let artifacts = app.shared.artifacts.clone();
     let drawn = blocking(id, move || {

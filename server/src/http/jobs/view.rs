@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::accounts::Caller;
+use crate::base_path;
 use crate::formats::ResultFormat;
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
@@ -270,5 +271,5 @@ impl Changing for JobRecord {
 
 /// The path of a job.
 pub(crate) fn path(job: &JobRecord) -> String {
-    format!("/v1/jobs/{}", job.id)
+    base_path::absolute(&format!("/v1/jobs/{}", job.id))
 }

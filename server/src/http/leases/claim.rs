@@ -49,7 +49,7 @@ pub(crate) async fn lease(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let request: LeaseRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
+    let request: LeaseRequest = read(body::json(&app, &headers, body).await?)?;
     check_build(&app, &request).await?;
     let name = (caller.by.key.clone(), request.worker.clone());
     let _asking = app.shared.heard.asking(name, app.shared.store.lease());

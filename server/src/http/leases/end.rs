@@ -34,7 +34,7 @@ pub(crate) async fn end(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let request: EndRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
+    let request: EndRequest = read(body::json(&app, &headers, body).await?)?;
     let Some(lease) = running(&app, &caller.by.key, path).await? else {
         return Ok(recorded().into_response());
     };

@@ -32,7 +32,6 @@ use crate::jobs::Lease;
 use crate::jobs::store::{Held, StoreError};
 use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
-use crate::strict_json;
 use crate::tasks;
 use crate::workers::documents::Checked;
 
@@ -112,8 +111,7 @@ pub(super) fn refused(app: &App, error: StoreError) -> Problem {
 ///
 /// # Errors
 /// `malformed-json` or `validation-error`.
-pub(super) fn read<T: Checked>(bytes: &[u8]) -> Result<T, Problem> {
-    let value: Value = strict_json::parse(bytes)?;
+pub(super) fn read<T: Checked>(value: Value) -> Result<T, Problem> {
     Ok(T::read(value).map_err(Failure::invalid)?)
 }
 

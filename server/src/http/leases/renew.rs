@@ -51,7 +51,7 @@ pub(crate) async fn renew(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let request: RenewalRequest = read(&body::json_bytes(&app, &headers, body).await?)?;
+    let request: RenewalRequest = read(body::json(&app, &headers, body).await?)?;
     let renewals: Vec<Renewal> = request.renewals.into_iter().map(Renewal::from).collect();
     let wait = Wait::of(&headers);
     let mut answer = renewed(&app, &caller, renewals.clone()).await?;

@@ -25,7 +25,7 @@ use crate::disk::is_passing;
 use crate::formats::ResultFormat;
 use crate::hex;
 use crate::http::app::App;
-use crate::http::files::{self, Coding, Described};
+use crate::http::files::{self, Coding, Described, FileName};
 use crate::http::negotiation;
 use crate::http::params::values::Named;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, parameters};
@@ -146,7 +146,7 @@ pub(crate) async fn get(
     let described = Described {
         etag: coding.tag(&format!("{digest}-{}-{}", format.name(), tables::REVISION)),
         content_type: content_type(format),
-        filename: format!("{}.{}", files::stem(&job), format.name()),
+        filename: FileName::of(&job, format.name()),
         inline: false,
         negotiated: true,
         coding,
@@ -184,7 +184,7 @@ async fn page(
     let described = Described {
         etag: format!("\"{}\"", hex::encode(&Sha256::digest(&page)[..16])),
         content_type: HeaderValue::from_static("text/html; charset=utf-8"),
-        filename: format!("{}.html", files::stem(job)),
+        filename: FileName::of(job, "html"),
         inline: false,
         negotiated: true,
         coding: Coding::Never,

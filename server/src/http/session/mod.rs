@@ -16,13 +16,13 @@ use jiff::Timestamp;
 use packstone_engine::request::decode::{At, Faults};
 
 use crate::accounts::{ApiKeys, Caller, Submitter, digest};
+use crate::base_path;
 use crate::failure::Failure;
 use crate::http::app::App;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::set;
 use crate::http::{auth, body, observe};
-use crate::problem::{Kind, Problem};
-use crate::strict_json;
+use crate::problem::Problem;
 
 pub(crate) use cookie::{COOKIE, Sessions};
 pub(crate) use site::Site;
@@ -70,9 +70,7 @@ pub(crate) async fn begin(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let bytes = body::json_bytes(&app, &headers, body).await?;
-    let key = read(&strict_json::parse(&bytes)?)?;
-    refuse_other_sites(&headers)?;
+    let key = read(&body::json(&app, &headers, body).await?)?;
     let mut response = StatusCode::NO_CONTENT.into_response();
     let Some(keys) = app.shared.accounts.keys() else { return Ok(response) };
     let caller = auth::of_key(&keys, &key)?;
@@ -100,7 +98,6 @@ pub(crate) async fn end(
     _: Query<NoParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    refuse_other_sites(&headers)?;
     if let Some(keys) = app.shared.accounts.keys() {
         app.shared.sessions.end(&keys, &headers, Timestamp::now().as_second());
     }
@@ -122,20 +119,11 @@ fn read(value: &serde_json::Value) -> Result<String, Problem> {
     }
 }
 
-/// Another site must not sign a browser in or out.
-fn refuse_other_sites(headers: &HeaderMap) -> Result<(), Problem> {
-    if Site::of(headers) == Site::Other {
-        return Err(Problem::new(
-            Kind::Forbidden,
-            "sessions are begun and ended by pages of this server only",
-        ));
-    }
-    Ok(())
-}
-
 fn set_cookie(app: &App, headers: &HeaderMap, response: &mut Response, value: &str, seconds: i64) {
     let secure = if site::is_by_tls(headers, app.shared.trust_proxy) { "; Secure" } else { "" };
-    let cookie = format!("{COOKIE}={value}; Path=/; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}");
+    let path = if base_path::get().as_str().is_empty() { "/" } else { base_path::get().as_str() };
+    let cookie =
+        format!("{COOKIE}={value}; Path={path}; Max-Age={seconds}; HttpOnly; SameSite=Strict{secure}");
     set(response, header::SET_COOKIE, &cookie);
     set(response, header::CACHE_CONTROL, "no-store");
 }

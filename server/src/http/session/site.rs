@@ -1,10 +1,13 @@
-//! Which page a request comes from, as its browser says.
+//! Which page a request comes from, as its browser says, and what pages of other sites must not do.
 //!
 //! Browsers send `Sec-Fetch-Site` to addresses that they take for safe: with TLS, and of the own machine. To others
-//! they send `Origin` with every request that may change something, which is then compared with `Host`. Scripts of a
-//! page can set neither.
+//! they send `Origin` with every request that may change something, which is then compared with the host of the
+//! request. Scripts of a page can set neither, and programs (curl, Python) send neither.
 
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, Method, Uri, header};
+
+use crate::http::hosts;
+use crate::problem::{Kind, Problem};
 
 /// Which page a request comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,10 +21,14 @@ pub(crate) enum Site {
 }
 
 impl Site {
-    /// The page that a request with these header fields comes from.
-    pub(crate) fn of(headers: &HeaderMap) -> Self {
+    /// The page that a request for this target with these header fields comes from. Behind a trusted proxy the host
+    /// is the one that the browser names to the proxy.
+    pub(crate) fn of(uri: &Uri, headers: &HeaderMap, trust_proxy: bool) -> Self {
         let text = |name: &str| headers.get(name).map(|value| value.to_str().unwrap_or("?"));
-        match (text("sec-fetch-site"), text(header::ORIGIN.as_str()), text(header::HOST.as_str())) {
+        let forwarded = text("x-forwarded-host").filter(|_| trust_proxy);
+        let forwarded = forwarded.and_then(|hosts| hosts.rsplit(',').next()).map(str::trim);
+        let host = forwarded.or_else(|| hosts::of_request(uri, headers));
+        match (text("sec-fetch-site"), text(header::ORIGIN.as_str()), host) {
             (Some("same-origin"), _, _) => Self::Own,
             (Some(_), _, _) | (None, Some(_), None) => Self::Other,
             (None, Some(origin), Some(host)) => {
@@ -31,6 +38,31 @@ impl Site {
             (None, None, _) => Self::Unknown,
         }
     }
+
+    /// Refuses a request of another site's page that changes something.
+    ///
+    /// # Errors
+    /// `forbidden`.
+    pub(crate) fn check(self, method: &Method) -> Result<(), Problem> {
+        let reads = [Method::GET, Method::HEAD, Method::OPTIONS].contains(method);
+        if reads || self != Self::Other { Ok(()) } else { Err(refusal()) }
+    }
+
+    /// Refuses work that a page of another site starts by embedding an address. A link that a person follows is no
+    /// such request.
+    ///
+    /// # Errors
+    /// `forbidden`.
+    pub(crate) fn check_start(self, headers: &HeaderMap) -> Result<(), Problem> {
+        let is_link = headers.get("sec-fetch-mode").is_some_and(|mode| mode == "navigate");
+        if self != Self::Other || is_link { Ok(()) } else { Err(refusal()) }
+    }
+}
+
+fn refusal() -> Problem {
+    let detail = "a page of another site changes nothing here: Sec-Fetch-Site must be same-origin or Origin must be \
+                  this server, or both must be absent, as programs send it";
+    Problem::new(Kind::Forbidden, detail)
 }
 
 /// Whether the browser that sent the request reaches this server by TLS: it says so in `Origin`, and a trusted proxy in
@@ -66,8 +98,34 @@ mod tests {
             (&[("origin", "https://evil.example"), ("host", "lab")], Site::Other),
             (&[("host", "lab")], Site::Unknown),
         ] {
-            assert_eq!(Site::of(&with(fields)), site, "{fields:?}");
+            assert_eq!(Site::of(&Uri::from_static("/"), &with(fields), false), site, "{fields:?}");
         }
+    }
+
+    #[test]
+    fn the_host_of_the_target_and_that_of_a_trusted_proxy_win_over_the_field() {
+        let fields = [("origin", "http://lab"), ("host", "127.0.0.1:8080"), ("x-forwarded-host", "a, lab")];
+        let headers = with(&fields);
+        let relative = Uri::from_static("/v1/jobs");
+        assert_eq!(Site::of(&relative, &headers, false), Site::Other);
+        assert_eq!(Site::of(&relative, &headers, true), Site::Own);
+        assert_eq!(Site::of(&Uri::from_static("http://lab/v1/jobs"), &headers, false), Site::Own);
+        let own = with(&[("origin", "http://lab"), ("host", "lab")]);
+        assert_eq!(Site::of(&Uri::from_static("http://other/v1/jobs"), &own, false), Site::Other);
+    }
+
+    #[test]
+    fn another_site_s_page_reads_and_links_and_does_nothing_else() {
+        for method in [Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::TRACE] {
+            assert!(Site::Other.check(&method).is_err(), "{method}");
+            assert!(Site::Own.check(&method).is_ok() && Site::Unknown.check(&method).is_ok(), "{method}");
+        }
+        for method in [Method::GET, Method::HEAD, Method::OPTIONS] {
+            assert!(Site::Other.check(&method).is_ok(), "{method}");
+        }
+        assert!(Site::Other.check_start(&with(&[("sec-fetch-mode", "navigate")])).is_ok());
+        assert!(Site::Other.check_start(&with(&[("sec-fetch-mode", "no-cors")])).is_err());
+        assert!(Site::Unknown.check_start(&with(&[])).is_ok());
     }
 
     #[test]

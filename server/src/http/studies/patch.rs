@@ -20,7 +20,6 @@ use crate::http::studies::view;
 use crate::http::webhooks;
 use crate::jobs::request::{Change, read_webhook_change};
 use crate::problem::Problem;
-use crate::strict_json;
 use crate::webhooks::WebhookUrl;
 
 /// Changes of a study, as a JSON merge patch (RFC 7396).
@@ -78,8 +77,7 @@ pub(crate) async fn patch(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    let bytes = body::json_bytes(&app, &headers, body).await?;
-    let patch = StudyPatch::read(&strict_json::parse(&bytes)?).map_err(Failure::invalid)?;
+    let patch = StudyPatch::read(&body::json(&app, &headers, body).await?).map_err(Failure::invalid)?;
     if let Change::Set(url) = &patch.webhook_url {
         webhooks::check(&app.shared.webhook_rules, Some(url))?;
     }

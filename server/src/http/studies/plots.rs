@@ -13,6 +13,7 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 use crate::http::app::App;
 use crate::http::conditional;
 use crate::http::drawing::{PlotOptions, not_drawn, not_modified, not_ready, svg, turn};
+use crate::http::files::FileName;
 use crate::http::params::values::Value;
 use crate::http::params::{PlotPath, Query, parameters};
 use crate::http::problems::refused;
@@ -114,5 +115,5 @@ pub(crate) async fn get(
         }
     })
     .await??;
-    Ok(svg(drawn, &etag, &format!("{id}.{}.svg", kind.name())))
+    Ok(svg(drawn, &etag, &FileName::plain(format!("{id}.{}.svg", kind.name()))))
 }

@@ -8,6 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::accounts::Caller;
+use crate::base_path;
 use crate::http::app::App;
 use crate::http::response::{SHORT_LIST, is_long, json, named, set, time};
 use crate::http::waiting::Changing;
@@ -245,5 +246,5 @@ impl Changing for StudyRecord {
 
 /// The path of a study.
 pub(crate) fn path(id: StudyId) -> String {
-    format!("/v1/studies/{id}")
+    base_path::absolute(&format!("/v1/studies/{id}"))
 }

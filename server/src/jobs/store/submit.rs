@@ -9,6 +9,10 @@ use super::db::{Durability, Transaction, query};
 use super::{Store, StoreError, forecasts, rows, turns, webhooks};
 use crate::accounts::Submitter;
 use crate::jobs::{JobId, JobRecord, JobRequest};
+use crate::tasks;
+
+/// Diameters of a request that is written off the threads that answer.
+const LONG_LIST: usize = 2000;
 
 /// A key that makes a repeated submission harmless.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,7 +82,13 @@ impl Store {
     pub(crate) async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let job = Documents::of(new)?;
+            // A long list of diameters takes a while to write.
+            let diameters = new.request.mix.listed_diameters_mm().map_or(0, <[f64]>::len);
+            let job = if diameters > LONG_LIST {
+                tasks::blocking(move || Documents::of(new)).await??
+            } else {
+                Documents::of(new)?
+            };
             let submitted = store
                 .write(Durability::PowerCut, job, |store, job, tx| Box::pin(store.insert(job, tx)))
                 .await?;
