@@ -46,7 +46,7 @@ request='{
 # With this key a repeated submission is safe: the same key and body are the same study.
 study=$(api "$url/v1/studies" --header 'content-type: application/json' \
     --header "idempotency-key: study.sh-$(date +%s)-$$" --data "$request")
-path=$(jq --raw-output .links.self <<<"$study")
+path=/v1/studies/$(jq --raw-output .id <<<"$study")
 echo "submitted as $path"
 
 # The server holds each answer back until the study has ended, or for a minute.
@@ -61,14 +61,14 @@ api "$url$path/plots/success" >"$out/success.svg"
 jq --raw-output '.rows[] | "phi \(.["/mix/volume_fraction"])  \(.["/method/type"])\t\(.successes) of \(.runs)"' \
     <<<"$(api "$url$path/table?format=json")"
 
-# All packings, named by their seed and method; the links and seeds of the jobs, oldest first.
+# All packings, named by their seed and method; the IDs and seeds of the jobs, oldest first.
 jobs=$(api "$url$path/jobs?state=succeeded&sort=created&limit=100")
 while read -r job seed point; do
-    api "$url$job/result?format=csv" >"$out/packing-$point-$seed.csv"
-done < <(jq --raw-output '.items[] | "\(.links.self) \(.seed) \(.point)"' <<<"$jobs")
+    api "$url/v1/jobs/$job/result?format=csv" >"$out/packing-$point-$seed.csv"
+done < <(jq --raw-output '.items[] | "\(.id) \(.seed) \(.point)"' <<<"$jobs")
 
 # A cross-section of the first one. The server makes it within the answer, or says 202 while it makes it.
-first=$(jq --raw-output '.items[0].links.self' <<<"$jobs")
+first=/v1/jobs/$(jq --raw-output '.items[0].id' <<<"$jobs")
 api "$url$first/exports/slice?format=svg&axis=z" >"$out/slice.svg"
 
 # The first packing, as four arrays of the same length, largest grain first.

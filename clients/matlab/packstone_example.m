@@ -39,8 +39,8 @@ request.replicates = 5;
 post_options = weboptions('RequestMethod', 'post', 'MediaType', 'application/json', 'ContentType', 'json', ...
     'HeaderFields', fields, 'Timeout', 60);
 study = webwrite([url '/v1/studies'], jsonencode(request), post_options);
-study_url = [url study.links.self];
-fprintf('submitted as %s\n', study.links.self);
+study_url = [url '/v1/studies/' study.id];
+fprintf('submitted as %s\n', study.id);
 
 %% Wait
 % The server holds each answer back until the study has ended, or for a minute.
@@ -61,7 +61,7 @@ websave('success.svg', [study_url '/plots/success'], file_options);
 %% One packing, as arrays
 json_options = weboptions('ContentType', 'json', 'HeaderFields', fields, 'Timeout', 60);
 page = webread([study_url '/jobs?state=succeeded&sort=created&limit=1'], json_options);
-websave('packing.csv', [url page.items(1).links.self '/result?format=csv'], file_options);
+websave('packing.csv', [url '/v1/jobs/' page.items(1).id '/result?format=csv'], file_options);
 spheres = readmatrix('packing.csv');
 x = spheres(:, 1);
 y = spheres(:, 2);
