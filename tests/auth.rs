@@ -223,7 +223,8 @@ async fn a_misspelled_switch_does_not_switch_on() {
         let refused = run(Launch::new(&data_dir).env(&name, "flase").into_command()).await;
         assert_eq!(refused.code, Some(2), "{name}: {refused:?}");
     }
-    let misspelled = Launch::new(&data_dir).env("PACKSTONE_API_KEY_FILE", "keys");
+    let misspelled =
+        Launch::new(&data_dir).env("PACKSTONE_API_KEY_FILE", "keys").env("PACKSTONE_API_KEYS_FILE", "");
     let server = misspelled
         .env("PACKSTONE_SERVICE_PORT", "80")
         .env("PACKSTONE_PORT", "tcp://10.0.0.1:80")
@@ -232,6 +233,7 @@ async fn a_misspelled_switch_does_not_switch_on() {
     server.terminate();
     let log = server.log_at_end().await;
     assert!(log.contains("PACKSTONE_API_KEY_FILE") && !log.contains("_PORT"), "{log}");
+    assert!(log.contains("the service asks for no keys"), "{log}");
     let refused = run(Launch::new(&data_dir).env("PACKSTONE_ALLOWED_HOST", "a,,b").into_command()).await;
     assert_eq!(refused.code, Some(2), "{refused:?}");
 }

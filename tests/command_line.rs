@@ -6,9 +6,11 @@ use std::process::{Command, Stdio};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
-use crate::harness::{DataDir, Server, jobs, packstone, results, run};
+use crate::harness::deadline::eventually;
+use crate::harness::{DataDir, Running, Server, jobs, packstone, results, run};
 
 fn files(directory: &Path) -> Vec<String> {
     let entries = fs::read_dir(directory).unwrap_or_else(|error| panic!("{}: {error}", directory.display()));
@@ -269,9 +271,25 @@ async fn run_says_what_is_wrong_and_writes_nothing() {
 #[tokio::test]
 async fn the_demo_leaves_a_packing_to_look_at() {
     let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("shown");
+    // One that is killed, with a part of its files.
+    let killed = Running::spawn(directory.path(), &["demo", "--out", "shown"]);
+    eventually("a demo that writes", || {
+        out.exists() && files(&out).iter().any(|name| name.ends_with(".unfinished"))
+    })
+    .await;
+    killed.signal(Signal::KILL);
+    killed.ended().await;
+    fs::write(out.join("result.json"), "half").unwrap();
     let ended = packstone(directory.path(), &["demo", "--out", "shown"]).await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
-    let out = directory.path().join("shown");
+    assert_eq!(
+        files(&out),
+        ["data", "result.csv", "result.html", "result.json", "result.png", "result.vtp"],
+        "nothing else is left"
+    );
+    let again = packstone(directory.path(), &["demo", "--out", "shown"]).await;
+    assert!(again.code == Some(3) && again.stderr.contains("--force"), "{again:?}");
     let read = |name: &str| fs::read(out.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
     let result: Value = serde_json::from_slice(&read("result.json")).unwrap();
     let rows = results::from_json(&result);

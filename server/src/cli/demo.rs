@@ -78,11 +78,11 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     ));
     print_files(&all)?;
     say(&format!("\nNext: open {} in a browser, and turn and cut the packing.", page.display()));
-    say(&format!("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array"));
-    say(&format!("`diameter`, scale factor 1)."));
-    say(&format!("Or start the service, which still has this job, and open its page:"));
+    say("In ParaView, open the .vtp file and add a Glyph filter (glyph type Sphere, scale array");
+    say("`diameter`, scale factor 1).");
+    say("Or start the service, which still has this job, and open its page:");
     say(&format!("  packstone serve --data-dir {}", data_dir.display()));
-    say(&format!("  http://127.0.0.1:8080"));
+    say("  http://127.0.0.1:8080");
     if options.open
         && let Err(error) = open::that_detached(page)
     {

@@ -133,8 +133,9 @@ fn block_on<T>(future: impl Future<Output = Result<T, Failure>>) -> Result<T, Fa
 
 /// Prints the names of files that are written. A reader that has left does not make the command fail.
 fn print_files<'a>(files: impl IntoIterator<Item = &'a std::path::PathBuf>) -> Result<(), Failure> {
-    let text: String = files.into_iter().map(|file| format!("{}\n", file.display())).collect();
-    match print(&text) {
+    let mut lines: Vec<String> = files.into_iter().map(|file| file.display().to_string()).collect();
+    lines.push(String::new());
+    match print(&lines.join("\n")) {
         Err(failure) if exit::is_closed_pipe(&failure) => Ok(()),
         printed => printed,
     }

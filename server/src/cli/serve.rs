@@ -9,6 +9,9 @@ use crate::config::ServeOptions;
 use crate::service::Service;
 use crate::telemetry;
 
+/// Variable that names the file of keys.
+const KEYS_VARIABLE: &str = "PACKSTONE_API_KEYS_FILE";
+
 /// Runs the service; `unknown` are variables of the environment that no option has.
 pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failure> {
     telemetry::start(options.log_format, "info");
@@ -16,6 +19,9 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
         tracing::warn!(variable, "no option has this variable: it is misspelled, or of another version");
     }
     base_path::set(options.base_path.clone());
+    if options.api_keys_file.is_none() && std::env::var_os(KEYS_VARIABLE).is_some() {
+        tracing::warn!("{KEYS_VARIABLE} is empty and counts as not set: the service asks for no keys");
+    }
     block_on(async {
         let mut terminate = signal(SignalKind::terminate())?;
         let mut interrupt = signal(SignalKind::interrupt())?;

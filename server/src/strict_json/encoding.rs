@@ -12,7 +12,7 @@ pub(super) fn utf8(text: &[u8]) -> Result<&[u8], String> {
     let Err(error) = std::str::from_utf8(text) else { return Ok(text) };
     let at = error.valid_up_to();
     let before = &text[..at];
-    let line = 1 + before.iter().filter(|byte| **byte == b'\n').count();
+    let line = before.split(|byte| *byte == b'\n').count();
     let column = 1 + before.iter().rev().take_while(|byte| **byte != b'\n').count();
     let place = format!("byte 0x{:02X} at line {line}, column {column}", text[at]);
     if error.error_len().is_none() {
