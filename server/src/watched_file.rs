@@ -29,7 +29,7 @@ pub(crate) enum TextError {
     /// It cannot be read.
     #[error("cannot be read: {0}")]
     Unreadable(#[from] io::Error),
-    /// It has become a folder, a pipe or a device.
+    /// It is a folder, a pipe or a device.
     #[error("is not a regular file")]
     Irregular,
     /// It is no settings.

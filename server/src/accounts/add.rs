@@ -86,6 +86,10 @@ fn lock(path: &Path, shown: &Path) -> Result<File, AddError> {
     let begin = Instant::now();
     loop {
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(unwritten)?;
+        // A device must not be replaced, and a pipe has no end.
+        if !file.metadata().map_err(unwritten)?.is_file() {
+            return Err(AddError::Text(shown.to_owned(), TextError::Irregular));
+        }
         match file.try_lock() {
             Ok(()) => {
                 let identity = |found: std::fs::Metadata| (found.dev(), found.ino());
@@ -133,6 +137,11 @@ mod tests {
         assert!(taken.contains("line 3") && taken.contains("\"anna\""), "{taken}");
         let unread = add_line(&path, &line("carl"), || Err(io::ErrorKind::BrokenPipe.into()));
         assert!(unread.is_err() && read() == both);
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        let refused = add_line(&pipe, &line("carl"), || Ok(())).unwrap_err().to_string();
+        assert!(refused.contains("is not a regular file"), "{refused}");
+        std::fs::remove_file(&pipe).unwrap();
         std::fs::write(&path, &anna).unwrap();
         let cut = add_line(&path, &line("carl"), || Ok(())).unwrap_err().to_string();
         assert!(cut.contains("has no line break"), "{cut}");

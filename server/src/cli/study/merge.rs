@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 
 use super::super::exit::{Exit, Failure};
 use super::run_log::{Folder, RunRecord, StudyRecord};
-use super::shards::claims::{self, PointLog, publish};
+use super::shards::claims::{self, PointLog};
+use super::shards::files::{self, publish};
 use super::{
     Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, print_table, read_request, report,
 };
@@ -29,7 +30,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             options.out.display()
         ))
     })?;
-    if !options.out.join(claims::FOLDER).exists() {
+    if !options.out.join(files::FOLDER).exists() {
         return Err(Exit::BadInput.because(format_args!(
             "{} holds no runs of shards: a study that was run without shards has its table already",
             options.out.display()
@@ -45,7 +46,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let missing = missing(&done, &table, &logs);
     if missing.is_empty() {
         // What killed processes left is of no more use.
-        claims::tidy(&options.out)?;
+        files::tidy(&options.out)?;
         discard_checkpoints(&options.checkpoints())?;
     }
     print_table(&table, &written)?;
@@ -119,7 +120,7 @@ fn check_equal(first: &Told<'_>, second: &Told<'_>) -> Result<(), Failure> {
 
 /// Writes all files where no other merge writes, then moves them to their place. Returns their paths.
 fn write(options: &Options, study: &Study, done: &Done<'_>, table: &Table) -> Result<Vec<PathBuf>, Failure> {
-    let staging = claims::merge_staging(&options.out)?;
+    let staging = files::merge_staging(&options.out)?;
     let written =
         report::write(&staging, study, table, &done.records, !options.no_plot_titles).and_then(|files| {
             let runs = staging.join(Folder(&options.out).runs().file_name().unwrap_or_default());

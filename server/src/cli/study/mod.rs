@@ -43,7 +43,8 @@ use crate::studies::{Outcome, Run, Study, Table};
 use crate::telemetry::say;
 use run_log::{Folder, RunLog, RunRecord, StudyRecord};
 use script::Width;
-use shards::claims::{self, Claims};
+use shards::claims::Claims;
+use shards::files;
 use watch::Watch;
 use worker_pool::{Ended, Message, SharedState, WorkerPool};
 
@@ -135,7 +136,7 @@ fn run_all(options: &Options) -> Result<(), Failure> {
     let request = read_request(options)?;
     let folder = Folder(&options.out);
     let stored = if options.fresh { None } else { folder.record()? };
-    let shards = options.out.join(claims::FOLDER);
+    let shards = options.out.join(files::FOLDER);
     match (&stored, options.resume) {
         _ if !options.fresh && shards.exists() => {
             return Err(Exit::BadInput.because(format_args!(

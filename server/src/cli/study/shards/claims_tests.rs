@@ -1,6 +1,7 @@
 use packstone_engine::Limits;
 use serde_json::json;
 
+use super::super::files::{merge_staging, publish, tidy};
 use super::*;
 use crate::studies::Facts;
 

@@ -6,6 +6,7 @@
 //! processes from running the same point.
 
 pub(super) mod claims;
+pub(super) mod files;
 
 use std::collections::VecDeque;
 use std::io;
@@ -18,7 +19,8 @@ use super::run_log::{Folder, StudyRecord};
 use super::{Done, Log, Options, expand, limits, read_request};
 use crate::studies::Study;
 use crate::studies::shards::{Shard, assign, forecast_ms};
-use claims::{COMPLETE_WITHIN, Claims, DEAD_AFTER, LOOK_AGAIN, create, settled};
+use claims::{COMPLETE_WITHIN, Claims, DEAD_AFTER, LOOK_AGAIN, settled};
+use files::create;
 
 /// File of the forecast, in the folder of the claims.
 const FORECAST: &str = "forecast.json";
@@ -96,7 +98,7 @@ fn begin(options: &Options, limits: &packstone_engine::Limits) -> Result<Study, 
 /// The forecast work of each point. It is computed once and read by all shards, because the last bits of it may depend
 /// on the machine, and with them which shard has which point.
 fn forecast(out: &Path, study: &Study) -> Result<Vec<u64>, Failure> {
-    let path = out.join(claims::FOLDER).join(FORECAST);
+    let path = out.join(files::FOLDER).join(FORECAST);
     let ours = forecast_ms(study);
     if !path.exists() && create(out, &path, &serde_json::to_vec(&ours)?)? {
         return Ok(ours);
