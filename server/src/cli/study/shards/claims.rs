@@ -20,7 +20,6 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
-use uuid::Uuid;
 
 use super::super::run_log::{RunRecord, SYNC_EVERY};
 use super::files::{BEAT, FOLDER, named};
