@@ -27,7 +27,7 @@ def run(binary, folder, seconds, seed, only, is_verbose):
     try:
         for rig in rigs:
             rig.references, rig.pure, rig.receivers = references, {}, receivers
-            rig.options = receivers.options(binary, folder)
+            rig.options = receivers.options(binary, rig.folder)
             if not rig.start():
                 ledger.broke(ENDED, rig.name, "no start", "", rig.last_log())
                 return 1

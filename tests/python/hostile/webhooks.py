@@ -50,11 +50,12 @@ class Receivers:
     def options(self, binary, folder):
         """The options of a service that may send here."""
         if self.secret is None:
-            self.secret = folder / "webhook-secret"
             made = subprocess.run([binary, "webhook-secret"], capture_output=True, text=True, check=True)
-            self.secret.write_text(made.stdout)
-            self.key = base64.b64decode(made.stdout.strip().removeprefix("whsec_"))
-        return ["--webhook-secret-file", self.secret, "--webhook-allowed-host", ",".join([*HANGING, GOOD])]
+            self.secret = made.stdout
+            self.key = base64.b64decode(self.secret.strip().removeprefix("whsec_"))
+        file = folder / "webhook-secret"
+        file.write_text(self.secret)
+        return ["--webhook-secret-file", file, "--webhook-allowed-host", ",".join([*HANGING, GOOD])]
 
     def _accept(self, listener):
         while True:
@@ -110,9 +111,9 @@ class Receivers:
             return None
 
         # Cut as a full disk would: what is left may be a secret, of fewer bytes.
-        whole, unsigned = self.secret.read_bytes(), self.unsigned
+        file, unsigned = rig.folder / "webhook-secret", self.unsigned
         if random.random() < 0.7:
-            self.secret.write_bytes(whole[: len("whsec_") + random.choice([10, 32, 36, 40])])
+            file.write_text(self.secret[: len("whsec_") + random.choice([10, 32, 36, 40])])
         made = [submit(host) for host in HANGING]
         good = submit(GOOD)
         made.append(good)
@@ -125,6 +126,6 @@ class Receivers:
             rig.broke_other(f"a webhook was not delivered within {took:.0f} s beside hosts that hang")
         if self.unsigned > unsigned:
             rig.broke_other("a webhook was signed by a part of its secret")
-        self.secret.write_bytes(whole)
+        file.write_text(self.secret)
         for identity in filter(None, made):
             rig.remove(client, identity)
