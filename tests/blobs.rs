@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use crate::harness::deadline::eventually;
-use crate::harness::{DataDir, Launch, id_of, jobs, packstone, run};
+use crate::harness::deadline::{eventually, patiently};
+use crate::harness::{DataDir, Launch, Server, holds_every_store, id_of, jobs, packstone, run};
 
-/// The files below a folder, as paths from there.
+/// The files below a folder, as paths from there, without the mark of its owner.
 fn files(folder: &Path) -> Vec<String> {
     let mut folders = vec![folder.to_owned()];
     let mut files = Vec::new();
@@ -19,8 +19,128 @@ fn files(folder: &Path) -> Vec<String> {
             }
         }
     }
+    // A sweep may learn the time of the storage at this moment.
+    files.retain(|file| file != MARK && !file.starts_with("clock."));
     files.sort();
     files
+}
+
+/// The name of the mark by which a place names its database.
+const MARK: &str = "owner.json";
+
+/// Starts a server that is to be refused; what it says.
+async fn refused(launch: Launch) -> String {
+    let ended = run(launch.into_command()).await;
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    ended.stderr
+}
+
+#[tokio::test]
+async fn a_place_is_used_with_one_database_only() {
+    let (first, second, shared) = (DataDir::new(), DataDir::new(), tempfile::tempdir().unwrap());
+    let folder = shared.path().to_str().unwrap();
+    let launch =
+        |data_dir: &DataDir| Launch::new(data_dir).args(&["--blobs", folder, "--sweep-interval-s", "0.2"]);
+    let server = launch(&first).start().await;
+    // Before anything lies there.
+    let refusal = refused(launch(&second)).await;
+    let mark: serde_json::Value =
+        serde_json::from_slice(&fs::read(shared.path().join(MARK)).unwrap()).unwrap();
+    let theirs = mark["database"].as_str().unwrap();
+    assert!(theirs.len() >= 32, "{mark}");
+    for part in [folder, theirs, mark["store"].as_str().unwrap(), MARK, "belongs to the database"] {
+        assert!(refusal.contains(part), "{part}: {refusal}");
+    }
+    // Nor does a wish for orphans help.
+    refused(launch(&second).args(&["--adopt-orphans"])).await;
+    let job = server.client().succeed(&jobs::quick(1)).await;
+    server.stop().await;
+    let server = launch(&first).start().await;
+    server.client().result(id_of(&job)).await;
+    server.stop().await;
+    if holds_every_store() {
+        return;
+    }
+    // What is restored from a backup has the same database.
+    let parent = tempfile::tempdir().unwrap();
+    let target = parent.path().join("copy");
+    let data = first.path().to_str().unwrap();
+    let args = ["backup", target.to_str().unwrap(), "--data-dir", data, "--blobs", folder];
+    assert_eq!(packstone(parent.path(), &args).await.code, Some(0));
+    fs::remove_dir_all(first.path()).unwrap();
+    fs::rename(&target, first.path()).unwrap();
+    let server = launch(&first).start().await;
+    server.client().result(id_of(&job)).await;
+    server.stop().await;
+    let checked = packstone(parent.path(), &["check", data, "--blobs", folder]).await;
+    assert_eq!(checked.code, Some(0), "{checked:?}");
+    let other = second.path().to_str().unwrap();
+    let checked = packstone(parent.path(), &["check", other, "--blobs", folder]).await;
+    assert!(checked.code == Some(1) && checked.stdout.contains(theirs), "{checked:?}");
+    // A mark that names nothing is no leave to begin.
+    fs::write(shared.path().join(MARK), "{").unwrap();
+    assert!(refused(launch(&first)).await.contains(MARK));
+    fs::remove_file(shared.path().join(MARK)).unwrap();
+    launch(&first).start().await.stop().await;
+}
+
+#[tokio::test]
+async fn a_data_directory_of_postgresql_is_not_used_with_another_database() {
+    let data_dir = DataDir::new();
+    fs::create_dir_all(data_dir.path()).unwrap();
+    let mark = r#"{"database": "0123", "store": "postgres://lab@db.example:5432/packstone"}"#;
+    fs::write(data_dir.path().join(MARK), mark).unwrap();
+    let refusal = refused(Launch::new(&data_dir)).await;
+    assert!(refusal.contains("0123 at postgres://lab@db.example:5432/packstone"), "{refusal}");
+    // Nor is the place of another service taken as a data directory.
+    let (other, place) = (DataDir::new(), DataDir::new());
+    let folder = place.path().to_str().unwrap();
+    let first = Launch::new(&other).args(&["--blobs", folder]).start().await;
+    assert!(refused(Launch::new(&place)).await.contains("belongs to the database"));
+    first.stop().await;
+    // Where the operator says that it is not needed any more.
+    Launch::new(&data_dir).args(&["--adopt-orphans"]).start().await.stop().await;
+    Server::start(&data_dir).await.stop().await;
+}
+
+#[tokio::test]
+async fn a_place_that_is_replaced_or_gone_makes_the_service_not_ready_and_gets_no_file() {
+    let (data_dir, parent) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let (place, aside) = (parent.path().join("blobs"), parent.path().join("aside"));
+    let server = Launch::new(&data_dir).args(&["--blobs", place.to_str().unwrap()]).start().await;
+    let client = server.client();
+    let job = client.succeed(&jobs::quick(1)).await;
+    let result = format!("/v1/jobs/{}/result", id_of(&job));
+    for replaced in [false, true] {
+        fs::rename(&place, &aside).unwrap();
+        if replaced {
+            // As a folder whose file system is not mounted any more.
+            fs::create_dir(&place).unwrap();
+        }
+        let not_ready = patiently("the service to notice", async {
+            loop {
+                let reply = client.get("/readyz").send().await;
+                if reply.status == 503 {
+                    return reply.json();
+                }
+            }
+        })
+        .await;
+        assert!(not_ready["detail"].as_str().unwrap().contains(place.to_str().unwrap()), "{not_ready}");
+        client.get(&result).send().await.expect_problem(503, "not-ready");
+        assert_eq!(files(&place), [""; 0]);
+        if replaced {
+            fs::remove_dir_all(&place).unwrap();
+        }
+        fs::rename(&aside, &place).unwrap();
+        patiently("the service to be ready", async {
+            while client.get("/readyz").send().await.status != 200 {}
+        })
+        .await;
+        client.get(&result).send().await.expect(200);
+    }
+    eventually("the log to tell of it", || server.log().contains("files cannot be read or written")).await;
+    server.stop().await;
 }
 
 #[tokio::test]
@@ -264,7 +384,8 @@ mod s3 {
         let (data_dir, keys) = (DataDir::new(), tempfile::tempdir().unwrap());
         let made = packstone(keys.path(), &["key", "first"]).await;
         let file = keys.path().join("keys");
-        fs::write(&file, made.stdout.lines().find(|line| line.contains("first")).unwrap()).unwrap();
+        let line = made.stdout.lines().find(|line| line.contains("first")).unwrap();
+        fs::write(&file, format!("{line}\n")).unwrap();
         let printed = made.stdout.clone() + &made.stderr;
         let key = printed.split_whitespace().find(|word| word.starts_with("packstone_")).unwrap();
         let launch = launch(&data_dir, &bucket.endpoint()).args(&["--blobs-redirect"]);
@@ -401,10 +522,21 @@ mod s3 {
         let refused = client.get(&result).send().await;
         refused.expect_problem(503, "not-ready");
         assert!(!refused.header("retry-after").is_empty());
+        let not_ready = client.get("/readyz").send().await.expect_problem(503, "not-ready");
+        assert!(not_ready["detail"].as_str().unwrap().contains("s3://packstone/lab"), "{not_ready}");
+        // From then on nobody waits, however many ask.
+        let asked = std::time::Instant::now();
+        let all = (0..100).map(|_| client.get(&result).send());
+        for refused in futures_util::future::join_all(all).await {
+            refused.expect_problem(503, "not-ready");
+        }
+        assert!(asked.elapsed() < Duration::from_secs(10), "{:?}", asked.elapsed());
         // Nor does the server wait for what it has begun when it is to stop.
         let stuck = client.submit(&jobs::quick(2)).await;
         proxy.has_failed(2).await;
-        server.stop().await;
+        server.terminate();
+        let log = server.log_at_end().await;
+        assert!(!log.contains("panicked"), "{log}");
         proxy.set(Fault::None);
         let server = launch(&data_dir, &proxy.url()).start().await;
         let stuck = server.client().finished(id_of(&stuck)).await;

@@ -26,6 +26,7 @@ mod command_line;
 mod connections;
 mod crash;
 mod cross_site;
+mod damaged_files;
 mod dashboard;
 mod data_dir;
 mod database_crashes;

@@ -214,6 +214,44 @@ async fn a_check_finds_what_is_damaged_missing_and_unknown() {
 }
 
 #[tokio::test]
+async fn a_check_tells_what_a_killed_service_has_left_apart_from_faults() {
+    if holds_every_store() {
+        return;
+    }
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--checkpoint-every-s", "0"]).start().await;
+    let growing = server.client().submit(&jobs::growth()).await;
+    crate::harness::deadline::eventually("a checkpoint", || !data_dir.checkpoints().is_empty()).await;
+    server.kill().await;
+    // A result that was complete when the service was killed, and waited for its row.
+    let id = id_of(&growing);
+    let folder = data_dir.path().join("artifacts").join(&id[id.len() - 2..]);
+    fs::create_dir_all(&folder).unwrap();
+    let result = folder.join(format!("{id}.1.packstone"));
+    fs::write(&result, "a result").unwrap();
+    let check = async || packstone(Path::new("/"), &["check", data_dir.path().to_str().unwrap()]).await;
+    let ended = check().await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(ended.stdout.contains("not in the database yet"), "{ended:?}");
+    assert!(ended.stdout.contains("0 faults") && ended.stdout.contains("1 checkpoints"), "{ended:?}");
+    // After an hour it is a fault.
+    let file = fs::File::options().write(true).open(&result).unwrap();
+    let before = std::time::SystemTime::now() - std::time::Duration::from_secs(3700);
+    file.set_modified(before).unwrap();
+    let ended = check().await;
+    assert!(ended.code == Some(1) && ended.stdout.contains("does not know it"), "{ended:?}");
+    fs::remove_file(&result).unwrap();
+    // So is a damaged checkpoint.
+    let checkpoint = data_dir.path().join("checkpoints").join(&data_dir.checkpoints()[0]);
+    let mut bytes = fs::read(&checkpoint).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&checkpoint, bytes).unwrap();
+    let ended = check().await;
+    assert!(ended.code == Some(1) && ended.stdout.contains("the checkpoint is damaged"), "{ended:?}");
+}
+
+#[tokio::test]
 async fn health_is_asked_without_a_client() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;

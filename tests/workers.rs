@@ -358,10 +358,26 @@ async fn requests_may_be_repeated_and_nothing_but_the_result_is_taken() {
     }
     assert_eq!(client.job(id).await["state"], "running");
     assert_eq!(data_dir.artifacts(), Vec::<std::path::PathBuf>::new(), "nothing is left of them");
-    let put = client.request(reqwest::Method::PUT, &format!("{lease}/checkpoint")).body("a checkpoint");
-    put.send().await.expect(204);
-    let kept = client.get(&format!("{lease}/checkpoint")).send().await;
-    assert_eq!(&kept.expect(200).body[..], b"a checkpoint");
+    // A checkpoint ends with the CRC-32 of what came before.
+    let mut whole = b"PACKSTCK and a state".to_vec();
+    whole.extend(crc32fast::hash(&whole).to_le_bytes());
+    let checkpoint = format!("{lease}/checkpoint");
+    let put = |body: &[u8]| client.request(reqwest::Method::PUT, &checkpoint).body(body.to_vec());
+    put(&whole).send().await.expect(204);
+    for at in 0..whole.len() {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 1;
+        let refused = put(&damaged).send().await.expect_problem(400, "validation-error");
+        assert!(refused["detail"].as_str().unwrap().contains("checkpoint"), "{refused}");
+    }
+    assert_eq!(client.get(&checkpoint).send().await.expect(200).body, whole, "the whole one is kept");
+    // One that is damaged where it lies is not given out.
+    let name = format!("checkpoints/{}", data_dir.checkpoints()[0]);
+    let mut damaged = whole.clone();
+    damaged[10] ^= 1;
+    std::fs::write(data_dir.path().join(name), damaged).unwrap();
+    client.get(&checkpoint).send().await.expect_problem(404, "not-found");
+    put(&whole).send().await.expect(204);
     // Its end, twice; and what comes too late.
     let failure = json!({"code": "timed-out", "detail": "it took too long"});
     let end = json!({"outcome": "failed", "failure": failure, "facts": {"time_s": 1.5}});

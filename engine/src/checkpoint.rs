@@ -13,6 +13,7 @@ use std::io::{self, Read, Write};
 
 use crate::VERSION;
 use crate::request::PackingRequest;
+use crate::summed::{Summed, ends_with_sum};
 
 /// First bytes of a checkpoint.
 pub const MAGIC: [u8; 8] = *b"PACKSTCK";
@@ -44,7 +45,7 @@ impl<'a> Checkpoint<'a> {
     /// # Errors
     /// Those of the writer.
     pub fn write_to(&self, out: &mut dyn Write) -> io::Result<()> {
-        let mut out = Summed { inner: out, sum: crc32fast::Hasher::new() };
+        let mut out = Summed::new(out);
         let mut head = Vec::from(MAGIC);
         head.extend(REVISION.to_le_bytes());
         for part in [VERSION.as_bytes(), &serde_json::to_vec(self.request)?] {
@@ -56,9 +57,8 @@ impl<'a> Checkpoint<'a> {
         (self.write_body)(&mut frames)?;
         frames.write_frame()?;
         out.write_all(&0_u32.to_le_bytes())?;
-        let sum = out.sum.clone().finalize();
-        out.write_all(&sum.to_le_bytes())?;
-        out.flush()
+        out.flush()?;
+        out.finish()
     }
 }
 
@@ -68,27 +68,9 @@ impl std::fmt::Debug for Checkpoint<'_> {
     }
 }
 
-/// Sums what passes.
-struct Summed<T> {
-    inner: T,
-    sum: crc32fast::Hasher,
-}
-
-impl Write for Summed<&mut dyn Write> {
-    fn write(&mut self, block: &[u8]) -> io::Result<usize> {
-        let written = self.inner.write(block)?;
-        self.sum.update(&block[..written]);
-        Ok(written)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.inner.flush()
-    }
-}
-
 /// Cuts the body into frames, for its length is not known before it is written.
 struct Frames<'a, 'b> {
-    out: &'a mut Summed<&'b mut dyn Write>,
+    out: &'a mut Summed<'b>,
     frame: Vec<u8>,
 }
 
@@ -159,6 +141,19 @@ impl Resume {
         }
         Ok(Self { body: stored.body })
     }
+}
+
+/// Makes sure that a checkpoint is whole, of whatever engine and request, without keeping it in memory.
+///
+/// # Errors
+/// When it is not.
+pub fn verify(input: &mut dyn Read) -> Result<(), CheckpointError> {
+    let mut magic = [0; MAGIC.len()];
+    let read = input.take(magic.len() as u64).read(&mut magic)?;
+    if read != magic.len() || magic != MAGIC {
+        return Err(CheckpointError::NotACheckpoint);
+    }
+    if ends_with_sum(&mut magic.as_slice().chain(input))? { Ok(()) } else { Err(CheckpointError::Corrupt) }
 }
 
 /// The request that a checkpoint belongs to, with its seed.
@@ -285,6 +280,7 @@ mod tests {
         for length in [0, 1, FRAME_BYTES - 1, FRAME_BYTES, FRAME_BYTES + 1, 3 * FRAME_BYTES] {
             let body: Vec<u8> = (0..length).map(|i| (i % 251) as u8).collect();
             assert_eq!(read(&written(&body), 7).unwrap().body, body, "{length} bytes");
+            verify(&mut &written(&body)[..]).unwrap();
         }
     }
 
@@ -345,6 +341,7 @@ mod tests {
             if cut { bytes.truncate(at); } else { bytes[at] ^= flip; }
             prop_assert!(read(&bytes, 7).is_err());
             prop_assert!(read_request(&mut &bytes[..]).is_err());
+            prop_assert!(verify(&mut &bytes[..]).is_err());
         }
 
         #[test]

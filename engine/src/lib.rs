@@ -50,6 +50,7 @@ pub mod segregation;
 pub mod shape;
 mod sorting;
 pub mod specimen;
+mod summed;
 mod threads;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 25] = [
+const LAYERS: [&str; 26] = [
     "arrays",
     "cpu",
     "elementary",
@@ -13,6 +13,7 @@ const LAYERS: [&str; 25] = [
     "threads",
     "rng",
     "sorting",
+    "summed",
     "shape",
     "request",
     "packing",

@@ -4,7 +4,7 @@
 //! POSIX makes `rename` atomic, and after the folder's `fsync` the name survives a power cut.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write as _};
+use std::io::{self, BufWriter, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 
 /// What the name of a file that is being written ends with.
@@ -68,8 +68,10 @@ impl Pieces {
     /// # Errors
     /// The system's.
     pub(crate) fn begin(file: PathBuf) -> io::Result<Self> {
-        let partial = Some(File::create(partial_of(&file))?);
-        Ok(Self { file, partial })
+        // It is read again before it gets its name.
+        let mut options = File::options();
+        let partial = options.read(true).write(true).create(true).truncate(true).open(partial_of(&file))?;
+        Ok(Self { file, partial: Some(partial) })
     }
 
     /// Writes the next piece.
@@ -87,8 +89,18 @@ impl Pieces {
     ///
     /// # Errors
     /// The system's; an earlier file is still there then.
-    pub(crate) fn finish(mut self) -> io::Result<()> {
-        if let Some(partial) = &self.partial {
+    pub(crate) fn finish(self) -> io::Result<()> {
+        self.finish_checked(|_| Ok(()))
+    }
+
+    /// Gives the file its name, if `check`, which gets it at its start, has nothing against it.
+    ///
+    /// # Errors
+    /// Those of `check` and the system; an earlier file is still there then.
+    pub(crate) fn finish_checked(mut self, check: impl FnOnce(&File) -> io::Result<()>) -> io::Result<()> {
+        if let Some(mut partial) = self.partial.as_ref() {
+            partial.rewind()?;
+            check(partial)?;
             partial.sync_all()?;
             fs::rename(partial_of(&self.file), &self.file)?;
             self.partial = None;

@@ -4,8 +4,8 @@
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
@@ -71,12 +71,41 @@ pub(crate) struct Space {
     pub(crate) total: u64,
 }
 
+impl Space {
+    /// That of the file system of a folder.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn of(folder: &Path) -> io::Result<Self> {
+        let found = statvfs(folder)?;
+        Ok(Self {
+            free: found.f_bavail.saturating_mul(found.f_frsize),
+            total: found.f_blocks.saturating_mul(found.f_frsize),
+        })
+    }
+}
+
+/// The file system of another machine as it was last seen: nobody waits for its answer. Clones share it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Elsewhere(Arc<Mutex<Option<Space>>>);
+
+impl Elsewhere {
+    /// Keeps what was seen.
+    pub(crate) fn set(&self, space: Option<Space>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = space;
+    }
+
+    fn get(&self) -> Option<Space> {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// The file system of the data directory.
 #[derive(Clone, Debug)]
 pub(crate) struct Disk {
     root: PathBuf,
-    /// Another folder that files are written to.
-    files: Option<PathBuf>,
+    /// The file system of another folder that files are written to.
+    files: Elsewhere,
     min_free_bytes: Option<u64>,
     shortage: Shortage,
 }
@@ -85,12 +114,12 @@ impl Disk {
     /// The file system below `root`, of which `min_free_bytes` stay free; by default 1 GiB, at most 5 %. Failures for
     /// want of space are noted in `shortage`.
     pub(crate) fn new(root: PathBuf, min_free_bytes: Option<u64>, shortage: Shortage) -> Self {
-        Self { root, files: None, min_free_bytes, shortage }
+        Self { root, files: Elsewhere::default(), min_free_bytes, shortage }
     }
 
     /// The same, where results and exports are written to this folder, whose file system bounds them too.
-    pub(crate) fn with_files_in(self, folder: PathBuf) -> Self {
-        Self { files: Some(folder), ..self }
+    pub(crate) fn with_files_in(self, files: Elsewhere) -> Self {
+        Self { files, ..self }
     }
 
     /// Notes a write that failed, if it failed for want of space.
@@ -131,7 +160,7 @@ impl Disk {
     /// # Errors
     /// The system's.
     pub(crate) fn space(&self) -> io::Result<Space> {
-        space(&self.root)
+        Space::of(&self.root)
     }
 
     /// Bytes that must stay free.
@@ -144,8 +173,8 @@ impl Disk {
     /// not say: a write that fails is handled too.
     pub(crate) fn room(&self) -> u64 {
         let left = |space: Space| space.free.saturating_sub(self.min_free_bytes(space));
-        let spaces = std::iter::once(&self.root).chain(&self.files).map(|folder| space(folder));
-        spaces.filter_map(Result::ok).map(left).min().unwrap_or(u64::MAX)
+        let spaces = Space::of(&self.root).ok().into_iter().chain(self.files.get());
+        spaces.map(left).min().unwrap_or(u64::MAX)
     }
 }
 
@@ -154,14 +183,6 @@ fn write_zeros(file: &Path, bytes: u64) -> io::Result<()> {
     let file = File::create(file)?;
     io::copy(&mut io::Read::take(io::repeat(0), bytes), &mut &file)?;
     file.sync_all()
-}
-
-fn space(folder: &Path) -> io::Result<Space> {
-    let found = statvfs(folder)?;
-    Ok(Space {
-        free: found.f_bavail.saturating_mul(found.f_frsize),
-        total: found.f_blocks.saturating_mul(found.f_frsize),
-    })
 }
 
 /// A file that takes space until a transaction needs it to free more.
@@ -219,7 +240,7 @@ impl Reserve {
 
     fn allocate(&self) -> io::Result<bool> {
         let folder = self.file.parent().unwrap_or(Path::new("."));
-        let space = space(folder)?;
+        let space = Space::of(folder)?;
         let bytes = RESERVE_BYTES.min((space.total as f64 * RESERVE_SHARE) as u64).max(LEAST_RESERVE_BYTES);
         if std::fs::metadata(&self.file).is_ok_and(|found| found.len() >= bytes) {
             return Ok(true);

@@ -43,7 +43,7 @@ const LAYERS: &[&[&str]] = &[
     &["config", "page", "plots"],
     &["formats"],
     &["http", "problem"],
-    &["http_server", "service"],
+    &["http_server", "places", "service"],
     &["local"],
     &["cli"],
     &["layers", "lib", "main"],

@@ -31,6 +31,7 @@ pub mod local;
 mod memory;
 mod metrics;
 mod page;
+mod places;
 mod planning;
 mod plots;
 mod problem;

@@ -15,19 +15,20 @@ use tokio::time::{Instant, sleep, timeout, timeout_at};
 use tokio_util::sync::CancellationToken;
 
 use crate::accounts::{Accounts, KeysError, KeysFile};
-use crate::artifacts::Artifacts;
 use crate::audit::AuditLog;
+use crate::blobs::owner::{Owner, OwnerError};
 use crate::blobs::{OpenError, Place};
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
-use crate::disk::Disk;
+use crate::disk::{Disk, Elsewhere};
 use crate::exports::making::Exports;
 use crate::http::{self, App, OperatorFiles};
 use crate::http_server;
 use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
+use crate::places;
 use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::sender::WebhookSender;
@@ -88,6 +89,9 @@ pub(crate) enum StartError {
     /// The store cannot be opened.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// A place belongs to another database.
+    #[error(transparent)]
+    Owner(#[from] OwnerError),
     /// Results lie there that the database does not know.
     #[error(
         "{count} results in {place}/artifacts belong to no job of the database {database}, as {example}: the database is \
@@ -141,13 +145,10 @@ impl Service {
         std::fs::create_dir_all(&options.data_dir).map_err(data_dir)?;
         let lock = lock(&options.data_dir)?;
         Place::empty_scratch(&options.data_dir).map_err(data_dir)?;
-        let (artifacts, results) = open_artifacts(&options).await?;
+        let (blobs, results) = places::open(&options).await?;
         let mut checkpoints =
             Checkpoints::open(options.data_dir.join("checkpoints"), options.checkpoint_every())
                 .map_err(data_dir)?;
-        if let Some(shared) = artifacts.shared() {
-            checkpoints = checkpoints.shared_by(shared);
-        }
         let database = options.database()?;
         let is_empty = |file: &Path| std::fs::metadata(file).map_or(true, |found| found.len() == 0);
         if database.file().is_some_and(is_empty) && !options.adopt_orphans {
@@ -164,8 +165,12 @@ impl Service {
         let store = Store::open(&database, &options.data_dir, limits, Arc::clone(&accounts)).await?;
         tracing::info!(%database, identity = store.identity(), "opened the store");
         let mut disk = Disk::new(options.data_dir.clone(), options.min_free_bytes, store.shortage());
-        if let Some(folder) = options.blobs.as_ref().and_then(Place::folder) {
-            disk = disk.with_files_in(folder.to_owned());
+        let owner = Owner { database: store.identity().to_owned(), store: places::named(&database) };
+        let elsewhere = Elsewhere::default();
+        let artifacts = places::claim(&options, &database, blobs, owner, elsewhere.clone()).await?;
+        disk = disk.with_files_in(elsewhere);
+        if let Some(shared) = artifacts.shared() {
+            checkpoints = checkpoints.shared_by(shared);
         }
         if !options.adopt_orphans {
             let mut orphans = Vec::new();
@@ -305,6 +310,9 @@ async fn work(
     run(Box::pin(sweeper::take_back(here.store.clone(), checkpoints, metrics, shutdown.clone())));
     run(Box::pin(watch_room(here.clone(), shutdown.clone())));
     run(Box::pin(look_for_jobs(here.store.clone(), shutdown.clone())));
+    if packings.artifacts.are_shared() {
+        run(Box::pin(places::watch(packings.artifacts.clone(), shutdown.clone())));
+    }
     let exports = |quick| Executor {
         kind: Exports {
             here: here.clone(),
@@ -372,24 +380,6 @@ async fn look_for_jobs(store: Store, shutdown: CancellationToken) {
             tracing::warn!(%error, "the queue could not be read for idle workers");
         }
     }
-}
-
-/// Opens the results and exports; also the jobs that results belong to by their names, with their paths, for which all
-/// are listed. Nobody asks for the latter where orphans are welcome.
-async fn open_artifacts(options: &ServeOptions) -> Result<(Artifacts, Vec<(String, String)>), StartError> {
-    let options = options.clone();
-    tasks::blocking(move || {
-        let artifacts = match &options.blobs {
-            Some(place) => Artifacts::new(place.open(&options.data_dir, options.min_free_bytes)?),
-            None => Artifacts::open(&options.data_dir)
-                .map_err(|error| StartError::DataDir(options.data_dir.clone(), error))?,
-        };
-        let results = if options.adopt_orphans { Ok(Vec::new()) } else { artifacts.results() };
-        let place =
-            options.blobs.as_ref().map_or_else(|| options.data_dir.clone(), |place| place.to_string().into());
-        Ok((artifacts, results.map_err(|error| StartError::DataDir(place, error))?))
-    })
-    .await?
 }
 
 /// Refuses to start over results that the database does not know.

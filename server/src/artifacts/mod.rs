@@ -6,6 +6,7 @@
 //! jobs' states or HTTP.
 
 mod exports;
+mod known;
 #[cfg(test)]
 #[path = "tests.rs"]
 mod on_disk;
@@ -19,10 +20,12 @@ use std::fs;
 use std::io;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use jiff::civil::Date;
 
+use self::known::Known;
+use crate::blobs::blocks::OnDamage;
 use crate::blobs::{Blobs, Files, Listed, PARTIAL};
 use crate::tasks;
 
@@ -34,13 +37,15 @@ const EXPORT: &str = ".export";
 const FOLDER: &str = "artifacts";
 /// Name of the folder, beside the one of results, to which files are moved that the database does not know.
 const QUARANTINE: &str = "quarantine";
+/// Name of the folder of the checkpoints, beside it.
+const CHECKPOINTS: &str = "checkpoints";
 
 /// The results and exports.
 #[derive(Clone, Debug)]
 pub(crate) struct Artifacts {
     blobs: Arc<dyn Blobs>,
     in_flight: Arc<Mutex<HashSet<String>>>,
-    verified: Arc<Mutex<HashSet<String>>>,
+    known: Known,
 }
 
 /// Keeps the sweeper off a result between its first byte and its commit.
@@ -96,16 +101,25 @@ impl Settled {
 impl Artifacts {
     /// The results and exports of these blobs.
     pub(crate) fn new(blobs: Arc<dyn Blobs>) -> Self {
-        Self { blobs, in_flight: Arc::default(), verified: Arc::default() }
+        Self { blobs, in_flight: Arc::default(), known: Known::default() }
     }
 
     /// Those below a directory of this process alone; their folder is made where it is missing.
     ///
     /// # Errors
     /// The system's.
+    #[cfg(test)]
     pub(crate) fn open(directory: &Path) -> io::Result<Self> {
-        fs::create_dir_all(directory.join(FOLDER))?;
+        Self::make_folder(directory)?;
         Ok(Self::new(Arc::new(Files::alone(directory.to_owned()))))
+    }
+
+    /// Makes the folder of results and exports in a directory.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn make_folder(directory: &Path) -> io::Result<()> {
+        fs::create_dir_all(directory.join(FOLDER))
     }
 
     /// Those below a directory that is emptied before anybody opens it again: they may be lost with the power, and are
@@ -176,22 +190,53 @@ impl Artifacts {
         // Before the listing: what is written meanwhile is younger.
         let by_age = self.blobs.is_shared() && !least_age.is_zero();
         let written_until = if by_age { self.blobs.now()?.checked_sub(least_age) } else { None };
+        let old = |written: Option<SystemTime>| {
+            written_until.is_none_or(|until| written.is_some_and(|at| at <= until))
+        };
+        let found = self.dated()?.into_iter().filter(|(_, written)| old(*written));
+        Ok(found.map(|(file, _)| file).collect())
+    }
+
+    /// What no attempt of this process is writing at the moment of the listing or later, with the times at which it was
+    /// written where these are told. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn dated(&self) -> io::Result<Vec<(Settled, Option<SystemTime>)>> {
         let listed = self.blobs.list(FOLDER)?;
-        let old =
-            |file: &Listed| written_until.is_none_or(|until| file.written.is_some_and(|at| at <= until));
-        let mut found: Vec<Settled> = listed
-            .iter()
-            .filter(|file| old(file))
-            .filter_map(|file| Settled::read(file.name.strip_prefix(FOLDER)?.strip_prefix('/')?))
-            .collect();
+        let read = |file: &Listed| {
+            let path = file.name.strip_prefix(FOLDER)?.strip_prefix('/')?;
+            Some((Settled::read(path)?, file.written))
+        };
+        let mut found: Vec<_> = listed.iter().filter_map(read).collect();
         let in_flight = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
-        found.retain(|file| !in_flight.contains(&file.complete));
+        found.retain(|(file, _)| !in_flight.contains(&file.complete));
         Ok(found)
     }
 
     /// Whether other processes may write files here.
     pub(crate) fn are_shared(&self) -> bool {
         self.blobs.is_shared()
+    }
+
+    /// Looks whether the place of the files answers and is still the same. Blocks the thread, for seconds at most.
+    pub(crate) fn look(&self) {
+        self.blobs.look();
+    }
+
+    /// What is wrong with the place of the files, by the last look.
+    pub(crate) fn trouble(&self) -> Option<String> {
+        self.blobs.trouble()
+    }
+
+    /// Removes the folders that hold no file any more. Blocks the thread.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn remove_empty_folders(&self) -> io::Result<()> {
+        [FOLDER, QUARANTINE, CHECKPOINTS]
+            .iter()
+            .try_for_each(|folder| self.blobs.remove_empty_folders(folder))
     }
 
     /// The blobs below, where other processes use them too.
@@ -247,8 +292,14 @@ impl Artifacts {
     }
 
     fn forget(&self, path: &str) {
-        self.verified.lock().unwrap_or_else(PoisonError::into_inner).remove(path);
+        self.known.forget(path);
         self.blobs.forget(&blob(path));
+    }
+
+    /// What is to be done where a block of a file is damaged: the next reader compares the SHA-256 of the whole file.
+    fn on_damage(&self, path: &str) -> OnDamage {
+        let (artifacts, path) = (self.clone(), path.to_owned());
+        Arc::new(move || artifacts.forget(&path))
     }
 }
 

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufReader};
-use std::os::unix::fs::FileExt as _;
-use std::sync::PoisonError;
+use std::io::{self, BufReader, Read, Seek as _};
+use std::sync::Arc;
 
 use packstone_engine::Unattended;
 use packstone_engine::export::tables::{Column, GrainSource, Head, stored::Layout};
@@ -12,35 +11,39 @@ use packstone_engine::shape::Polyhedron;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, blob, write};
+use crate::blobs::blocks::{BlockSummer, BlockSums, CheckedFile};
 use crate::disk::is_passing;
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
-/// Digests checked since the start that are remembered; beyond, they are checked again.
-const VERIFIED_KEPT: usize = 100_000;
 const BLOCK_BYTES: usize = 1 << 16;
 /// On the stack of the thread that converts.
 const COLUMN_BLOCK_BYTES: usize = 1 << 13;
+/// Files up to this length are verified as a whole each time they are opened, so that an answer with a damaged one is
+/// refused before its first byte.
+const SMALL_BYTES: u64 = 4 << 20;
+/// How often a file is read that does not agree with its digest: a copy of an object may be damaged, and not the object.
+const TRIES: usize = 2;
 
 /// An open result. It stays readable when the file is removed meanwhile.
 #[derive(Debug)]
 pub(crate) struct StoredResult {
     layout: Layout,
-    file: File,
+    file: CheckedFile,
 }
 
 impl Artifacts {
-    /// Opens a result. Its digest is checked the first time since the start of the server: disks
-    /// and people do change files.
+    /// Opens a result. The digest of the file is compared the first time since the start of the server, and each block
+    /// that is read each time: disks and people do change files.
     ///
     /// # Errors
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is not what was stored.
     pub(crate) fn read(&self, record: &ArtifactRecord) -> io::Result<StoredResult> {
-        let file = self.open_checked(&record.path, record.bytes, &record.sha256)?;
-        StoredResult::of(file)
+        let (file, sums) = self.open_checked(&record.path, record.bytes, &record.sha256)?;
+        StoredResult::of(CheckedFile::new(file, record.path.clone(), sums, self.on_damage(&record.path)))
     }
 
-    /// Whether a result is missing or not what was stored; its digest is checked in any case.
+    /// Whether a result is missing or not what was stored; its digest is compared in any case.
     pub(crate) fn is_damaged(&self, record: &ArtifactRecord) -> bool {
         self.forget(&record.path);
         self.read(record).is_err_and(|error| !is_passing(&error))
@@ -53,61 +56,95 @@ impl Artifacts {
     pub(crate) fn digest(&self, path: &str) -> io::Result<(u64, String)> {
         let opened = self.blobs.open(&blob(path))?;
         let bytes = opened.length()?;
-        let mut rest = opened.read(0..bytes)?;
-        let (mut digest, mut block) = (Sha256::new(), vec![0; BLOCK_BYTES]);
+        let (sha256, _) = digest(&mut *opened.read(0..bytes)?)?;
+        Ok((bytes, sha256))
+    }
+
+    /// Opens a file that is as long as it was stored, and tells the sums of its blocks. Its digest is compared where
+    /// these are not known; a small file is verified as a whole.
+    pub(super) fn open_checked(
+        &self,
+        path: &str,
+        bytes: u64,
+        sha256: &str,
+    ) -> io::Result<(File, Arc<BlockSums>)> {
+        let mut tried = 1;
         loop {
-            let read = rest.read(&mut block)?;
-            if read == 0 {
-                return Ok((bytes, hex::encode(&digest.finalize())));
+            let opened = self.try_open_checked(path, bytes, sha256);
+            match opened {
+                Err(error) if error.kind() == io::ErrorKind::InvalidData && tried < TRIES => {
+                    tracing::warn!(%error, path, "a stored file is not what was stored; it is read again");
+                    self.forget(path);
+                    tried += 1;
+                }
+                opened => return opened,
             }
-            digest.update(&block[..read]);
         }
     }
 
-    /// Opens a file that is as long as it was stored, and has the digest that it had.
-    pub(super) fn open_checked(&self, path: &str, bytes: u64, sha256: &str) -> io::Result<File> {
+    fn try_open_checked(&self, path: &str, bytes: u64, sha256: &str) -> io::Result<(File, Arc<BlockSums>)> {
         let file = self.blobs.fetch(&blob(path))?;
         check_length(path, file.metadata()?.len(), bytes)?;
-        self.verify(&file, path, bytes, sha256)?;
-        Ok(file)
+        if let Some(sums) = self.known_sums(path, bytes) {
+            if bytes <= SMALL_BYTES
+                && let Some(block) = sums.first_damaged(&file)?
+            {
+                return Err(invalid(format!("the block {block} of {path} is damaged")));
+            }
+            return Ok((file, sums));
+        }
+        let sums = self.compare(&mut file.try_clone()?, path, sha256)?;
+        // The reader begins at the start.
+        (&file).rewind()?;
+        Ok((file, sums))
     }
 
-    fn verify(&self, file: &File, path: &str, bytes: u64, sha256: &str) -> io::Result<()> {
-        let known = |set: &std::collections::HashSet<String>| set.contains(path);
-        if known(&self.verified.lock().unwrap_or_else(PoisonError::into_inner)) {
-            return Ok(());
-        }
-        let mut digest = Sha256::new();
-        let mut block = vec![0; BLOCK_BYTES];
-        let mut offset = 0;
-        while offset < bytes {
-            let read = file.read_at(&mut block, offset)?;
-            if read == 0 {
-                return Err(io::ErrorKind::UnexpectedEof.into());
-            }
-            digest.update(&block[..read]);
-            offset += read as u64;
-        }
-        let found = hex::encode(&digest.finalize());
+    /// The sums of the blocks of a file of that length, where they are known.
+    pub(super) fn known_sums(&self, path: &str, bytes: u64) -> Option<Arc<BlockSums>> {
+        self.known.get(path).filter(|sums| sums.bytes() == bytes)
+    }
+
+    /// Reads a whole file, compares its digest, and keeps the sums of its blocks.
+    pub(super) fn compare(
+        &self,
+        from: &mut dyn Read,
+        path: &str,
+        sha256: &str,
+    ) -> io::Result<Arc<BlockSums>> {
+        let (found, sums) = digest(from)?;
         if found != sha256 {
             return Err(invalid(format!("{path} has the sha256 {found} instead of {sha256}")));
         }
-        let mut verified = self.verified.lock().unwrap_or_else(PoisonError::into_inner);
-        if verified.len() >= VERIFIED_KEPT {
-            verified.clear();
+        let sums = Arc::new(sums);
+        self.known.keep(path, &sums);
+        Ok(sums)
+    }
+}
+
+/// The SHA-256 of what is left of a file, and the sums of its blocks.
+fn digest(from: &mut dyn Read) -> io::Result<(String, BlockSums)> {
+    let (mut digest, mut sums, mut block) = (Sha256::new(), BlockSummer::default(), vec![0; BLOCK_BYTES]);
+    loop {
+        let read = match from.read(&mut block) {
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            read => read?,
+        };
+        if read == 0 {
+            return Ok((hex::encode(&digest.finalize()), sums.finish()));
         }
-        verified.insert(path.to_owned());
-        Ok(())
+        digest.update(&block[..read]);
+        sums.update(&block[..read]);
     }
 }
 
 impl StoredResult {
-    /// The result in a file that is at its start.
-    pub(super) fn of(file: File) -> io::Result<Self> {
-        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, &file))?;
-        if layout.file_length() != file.metadata()?.len() {
+    /// The result in a file.
+    pub(super) fn of(file: CheckedFile) -> io::Result<Self> {
+        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, file.from_start()))?;
+        if layout.file_length() != file.length() {
             return Err(invalid("the file holds other columns than it says".into()));
         }
+        let file = file.with_readers(layout.columns.len());
         Ok(Self { layout, file })
     }
 

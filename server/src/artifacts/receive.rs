@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Seek as _};
-use std::sync::PoisonError;
+use std::io;
+use std::sync::Arc;
 
 use bytes::Bytes;
 use packstone_engine::export::tables::{self, GrainSource as _};
@@ -12,6 +12,7 @@ use serde_json::{Map, Value};
 
 use super::read::StoredResult;
 use super::{Artifacts, InFlight, blob};
+use crate::blobs::blocks::{BlockSums, CheckedFile};
 use crate::jobs::ArtifactRecord;
 
 /// What a result must be.
@@ -76,12 +77,13 @@ impl Artifacts {
             Ok(())
         };
         let mut examined = None;
-        let check =
-            |file: &File, sha256: &str| examine(file, expected, sha256).map(|found| examined = Some(found));
+        let check = |file: &File, sha256: &str, sums: &Arc<BlockSums>| {
+            let file =
+                CheckedFile::new(file.try_clone()?, place.path.clone(), Arc::clone(sums), Arc::new(|| {}));
+            examine(file, expected, sha256).map(|found| examined = Some(found))
+        };
         let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
         let Some((report, grains, format_lengths)) = examined else { return Err(ReceiveError::Broken) };
-        // The first to read it need not check it again.
-        self.verified.lock().unwrap_or_else(PoisonError::into_inner).insert(place.path.clone());
         let shown = match serde_json::to_value(&report).map_err(io::Error::from)? {
             Value::Object(shown) => shown,
             _ => Map::new(),
@@ -100,7 +102,7 @@ impl Artifacts {
 
 /// Makes sure that a file is the result of a job; its report, the number of its grains, and the lengths of its formats.
 fn examine(
-    mut file: &File,
+    file: CheckedFile,
     expected: &Expected,
     sha256: &str,
 ) -> Result<(Report, u64, BTreeMap<String, u64>), ReceiveError> {
@@ -108,8 +110,7 @@ fn examine(
         let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
         return Err(ReceiveError::Unexpected(text));
     }
-    file.rewind()?;
-    let stored = StoredResult::of(file.try_clone()?).map_err(|error| match error.kind() {
+    let stored = StoredResult::of(file).map_err(|error| match error.kind() {
         io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
             ReceiveError::Unexpected(format!("the file is no result: {error}"))
         }

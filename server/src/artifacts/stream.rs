@@ -13,7 +13,6 @@ use bytes::{Bytes, BytesMut};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use packstone_engine::export::tables::{self, Format};
-use tokio::runtime::Handle;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc;
 
@@ -36,13 +35,13 @@ pub(crate) fn start(
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
-        let blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
+        let blocks = Blocks { sender: sender.clone() };
         let sink: Box<dyn Sink> = if gzip { Box::new(Gzipped::new(blocks)) } else { Box::new(blocks) };
         let mut window = Window::new(range, sink);
         let written = tables::write(format, result.head(), &result, &mut window);
         if let Err(error) = window.finish(written) {
             tracing::warn!(%error, format = format.name(), "a result was not sent to its end");
-            let _ = sender.try_send(Err(error));
+            break_off(&sender, error);
         }
         drop(permit);
     });
@@ -57,15 +56,21 @@ pub(crate) fn start_file(
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
-        let mut blocks = Blocks { sender: sender.clone(), handle: Handle::current() };
+        let mut blocks = Blocks { sender: sender.clone() };
         let sent = send_bytes(&mut *bytes, length, &mut blocks).or_else(reader_left);
         if let Err(error) = sent {
             tracing::warn!(%error, "a file was not sent to its end");
-            let _ = sender.try_send(Err(error));
+            break_off(&sender, error);
         }
         drop(permit);
     });
     receiver
+}
+
+/// Ends an answer so that its reader notices: one of no stated length would else seem to be whole.
+fn break_off(sender: &mpsc::Sender<io::Result<Bytes>>, error: io::Error) {
+    // A reader that takes nothing for so long is gone, and gets no end either.
+    let _ = tasks::wait_for(sender.send(Err(error)), STALLED);
 }
 
 fn send_bytes(bytes: &mut dyn Read, length: u64, blocks: &mut impl Sink) -> io::Result<()> {
@@ -101,21 +106,14 @@ impl Sink for Box<dyn Sink> {
 
 struct Blocks {
     sender: mpsc::Sender<io::Result<Bytes>>,
-    handle: Handle,
 }
 
 impl Sink for Blocks {
     fn send(&mut self, block: Bytes) -> io::Result<()> {
-        match self.sender.try_send(Ok(block)) {
-            Ok(()) => Ok(()),
-            Err(mpsc::error::TrySendError::Closed(_)) => Err(io::ErrorKind::BrokenPipe.into()),
-            Err(mpsc::error::TrySendError::Full(block)) => {
-                match self.handle.block_on(self.sender.send_timeout(block, STALLED)) {
-                    Ok(()) => Ok(()),
-                    Err(mpsc::error::SendTimeoutError::Timeout(_)) => Err(io::ErrorKind::TimedOut.into()),
-                    Err(mpsc::error::SendTimeoutError::Closed(_)) => Err(io::ErrorKind::BrokenPipe.into()),
-                }
-            }
+        match tasks::wait_for(self.sender.send(Ok(block)), STALLED) {
+            Some(Ok(())) => Ok(()),
+            Some(Err(_)) => Err(io::ErrorKind::BrokenPipe.into()),
+            None => Err(io::ErrorKind::TimedOut.into()),
         }
     }
 }
@@ -263,6 +261,33 @@ mod tests {
             GzDecoder::new(&out[..]).read_to_end(&mut read).unwrap();
             assert!(read == all[..length] && out.len() < length / 10 + 100, "{length}");
         }
+    }
+
+    #[tokio::test]
+    async fn a_reader_that_is_slow_is_told_of_a_file_that_cannot_be_read_to_its_end() {
+        struct Short(usize);
+        impl Read for Short {
+            fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+                if self.0 == 0 {
+                    return Err(io::ErrorKind::InvalidData.into());
+                }
+                let taken = self.0.min(into.len());
+                self.0 -= taken;
+                Ok(taken)
+            }
+        }
+        let turn = std::sync::Arc::new(tokio::sync::Semaphore::new(1));
+        let length = BLOCKS_WAITING * BLOCK_BYTES;
+        let permit = std::sync::Arc::clone(&turn).acquire_owned().await.unwrap();
+        let mut blocks = start_file(Box::new(Short(length)), 2 * length as u64, permit);
+        // Until all blocks that there is room for wait.
+        while blocks.len() < BLOCKS_WAITING {
+            tokio::task::yield_now().await;
+        }
+        for _ in 0..BLOCKS_WAITING {
+            assert_eq!(blocks.recv().await.unwrap().unwrap().len(), BLOCK_BYTES);
+        }
+        assert_eq!(blocks.recv().await.unwrap().unwrap_err().kind(), io::ErrorKind::InvalidData);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
+use std::sync::Arc;
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
@@ -12,6 +13,7 @@ use serde_json::Map;
 use sha2::{Digest, Sha256};
 
 use super::{Artifacts, InFlight, blob};
+use crate::blobs::blocks::{BlockSummer, BlockSums};
 use crate::hex;
 use crate::jobs::ArtifactRecord;
 
@@ -36,7 +38,7 @@ impl Artifacts {
             u64::MAX,
             control,
             |out| stored::write(head, grains, out),
-            |_, _| count_lengths(head, grains, control).map(|lengths| format_lengths = lengths),
+            |_, _, _| count_lengths(head, grains, control).map(|lengths| format_lengths = lengths),
         )?;
         let report = match serde_json::to_value(&head.report)? {
             serde_json::Value::Object(report) => report,
@@ -52,8 +54,8 @@ impl Artifacts {
         })
     }
 
-    /// Writes a file by `write`; `check`, which gets it with its SHA-256, is the last that can keep it from its
-    /// name. Nothing is left behind where anything fails.
+    /// Writes a file by `write`; `check`, which gets it with its SHA-256 and the sums of its blocks, is the last that
+    /// can keep it from its name. Nothing is left behind where anything fails.
     ///
     /// Returns what `write` returned, the file's length and its SHA-256.
     pub(super) fn write_whole<T, E: From<io::Error>>(
@@ -62,24 +64,28 @@ impl Artifacts {
         most_bytes: u64,
         control: &dyn Control,
         write: impl FnOnce(&mut dyn Write) -> Result<T, E>,
-        check: impl FnOnce(&File, &str) -> Result<(), E>,
+        check: impl FnOnce(&File, &str, &Arc<BlockSums>) -> Result<(), E>,
     ) -> Result<(T, u64, String), E> {
         let name = blob(&place.path);
         let staged = self.blobs.stage(&name)?;
         let inner = staged.file();
-        let mut digested = Digested { inner, digest: Sha256::new(), bytes: 0, most_bytes, control };
+        let (digest, blocks) = (Sha256::new(), BlockSummer::default());
+        let mut digested = Digested { inner, digest, blocks, bytes: 0, most_bytes, control };
         let mut buffered = BufWriter::with_capacity(BUFFER_BYTES, &mut digested);
         let value = write(&mut buffered)?;
         buffered.flush()?;
         drop(buffered);
         let (bytes, sha256) = (digested.bytes, hex::encode(&digested.digest.finalize()));
-        check(inner, &sha256)?;
+        let sums = Arc::new(digested.blocks.finish());
+        check(inner, &sha256, &sums)?;
         match self.blobs.publish(staged, &name, &|| control.should_stop()) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 self.settle_twice_written(&place.path, bytes, &sha256)?;
             }
             published => published?,
         }
+        // What was written is what its readers are to get.
+        self.known.keep(&place.path, &sums);
         Ok((value, bytes, sha256))
     }
 }
@@ -133,6 +139,7 @@ fn check(control: &dyn Control) -> io::Result<()> {
 struct Digested<'a> {
     inner: &'a File,
     digest: Sha256,
+    blocks: BlockSummer,
     bytes: u64,
     most_bytes: u64,
     control: &'a dyn Control,
@@ -146,6 +153,7 @@ impl Write for Digested<'_> {
         }
         let written = self.inner.write(block)?;
         self.digest.update(&block[..written]);
+        self.blocks.update(&block[..written]);
         self.bytes += written as u64;
         Ok(written)
     }

@@ -8,16 +8,22 @@
 use std::fs::{self, File};
 use std::io::{self, Read, Seek as _, SeekFrom};
 use std::ops::Range;
-use std::os::unix::fs::MetadataExt as _;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
 use std::time::{Duration, SystemTime};
 
+use rustix::fs::OFlags;
 use uuid::Uuid;
 
 use super::{Blob, Blobs, Listed, PARTIAL, Staged};
 use crate::atomic_file::sync_folder;
+use crate::disk::Space;
 
+/// How often a file is begun whose folder another process removes at that moment, because it is empty.
+const BEGINNINGS: usize = 10;
+/// A folder is removed after it was empty for so long: the next file may come at any moment.
+const EMPTY_FOR: Duration = Duration::from_secs(10);
 /// Pauses after which a file is looked for again that another machine may have written: the folder is read before, for
 /// which a client of NFS asks the server anew.
 const LOOKS: [Duration; 3] = [Duration::ZERO, Duration::from_millis(200), Duration::from_secs(1)];
@@ -27,6 +33,8 @@ const LOOKS: [Duration; 3] = [Duration::ZERO, Duration::from_millis(200), Durati
 pub(crate) struct Files {
     root: PathBuf,
     shared: bool,
+    /// Listings tell when files were written.
+    dated: bool,
     /// Files are to outlast a power cut, and are synchronized with the disk.
     durable: bool,
 }
@@ -34,12 +42,17 @@ pub(crate) struct Files {
 impl Files {
     /// A folder of this process alone.
     pub(crate) fn alone(root: PathBuf) -> Self {
-        Self { root, shared: false, durable: true }
+        Self { root, shared: false, dated: false, durable: true }
+    }
+
+    /// A folder that is looked at, whoever uses it.
+    pub(crate) fn looked_at(root: PathBuf) -> Self {
+        Self { dated: true, ..Self::alone(root) }
     }
 
     /// A folder of this process alone whose files nobody reads after it: they may be lost with the power.
     pub(crate) fn scratch(root: PathBuf) -> Self {
-        Self { root, shared: false, durable: false }
+        Self { root, shared: false, dated: false, durable: false }
     }
 
     /// A folder that other processes may use too.
@@ -48,7 +61,7 @@ impl Files {
     /// Those of the file system; it must make folders and take files, hard links among them.
     pub(crate) fn shared(root: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&root)?;
-        let files = Self { root, shared: true, durable: true };
+        let files = Self { root, shared: true, dated: true, durable: true };
         let name = format!("trial.{}", Uuid::now_v7().simple());
         files.publish(files.stage(&name)?, &name, &|| false)?;
         files.remove(&[name])?;
@@ -76,12 +89,25 @@ impl Files {
         Ok(())
     }
 
+    /// Does something in the folder of a file, which is made where it is missing, and may be removed at any moment while
+    /// it is empty.
+    fn in_folder_of<T>(&self, file: &Path, work: impl Fn() -> io::Result<T>) -> io::Result<T> {
+        let mut tried = 1;
+        loop {
+            self.make_folder(file)?;
+            match work() {
+                Err(error) if error.kind() == io::ErrorKind::NotFound && tried < BEGINNINGS => tried += 1,
+                worked => return worked,
+            }
+        }
+    }
+
     /// Opens a file, which in a shared folder may have appeared a moment ago.
     fn open_file(&self, name: &str) -> io::Result<File> {
         let path = self.locate(name);
         let mut looks = LOOKS.iter().filter(|_| self.shared);
         loop {
-            match File::open(&path) {
+            match open_regular(&path) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {
                     let Some(pause) = looks.next() else { return Err(error) };
                     sleep(*pause);
@@ -94,6 +120,27 @@ impl Files {
                 opened => return opened,
             }
         }
+    }
+
+    /// Whether the folder is empty then. What cannot be removed stays.
+    fn remove_empty_below(folder: &Path) -> io::Result<bool> {
+        let entries = match fs::read_dir(folder) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
+            entries => entries?,
+        };
+        let mut is_empty = true;
+        for entry in entries {
+            let entry = entry?;
+            // Looked at before what is removed below changes it.
+            let is_old =
+                || entry.metadata()?.modified().map(|at| at.elapsed().is_ok_and(|age| age >= EMPTY_FOR));
+            let is_gone = entry.file_type()?.is_dir()
+                && is_old().unwrap_or(false)
+                && Self::remove_empty_below(&entry.path())?
+                && fs::remove_dir(entry.path()).is_ok();
+            is_empty &= is_gone;
+        }
+        Ok(is_empty)
     }
 
     fn list_below(&self, folder: &Path, name: &str, found: &mut Vec<Listed>) -> io::Result<()> {
@@ -109,7 +156,7 @@ impl Files {
                 self.list_below(&entry.path(), &name, found)?;
                 continue;
             }
-            if !self.shared {
+            if !self.dated {
                 found.push(Listed { name, written: None });
                 continue;
             }
@@ -127,8 +174,7 @@ impl Files {
 impl Blobs for Files {
     fn stage(&self, name: &str) -> io::Result<Staged> {
         let file = self.locate(name);
-        self.make_folder(&file)?;
-        let mut staged = file.into_os_string();
+        let mut staged = file.clone().into_os_string();
         if self.shared {
             staged.push(format!(".{}", Uuid::now_v7().simple()));
         }
@@ -138,7 +184,7 @@ impl Blobs for Files {
             // Of an attempt that was killed: nobody else writes here.
             remove_file(&staged)?;
         }
-        Staged::create(staged)
+        self.in_folder_of(&file, || Staged::create(staged.clone()))
     }
 
     fn publish(&self, mut staged: Staged, name: &str, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
@@ -187,9 +233,11 @@ impl Blobs for Files {
     }
 
     fn rename(&self, from: &str, to: &str) -> io::Result<bool> {
-        let to = self.locate(to);
-        self.make_folder(&to)?;
-        match fs::rename(self.locate(from), &to) {
+        let (from, to) = (self.locate(from), self.locate(to));
+        if !from.try_exists()? {
+            return Ok(false);
+        }
+        match self.in_folder_of(&to, || fs::rename(&from, &to)) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
             Err(error) => Err(error),
@@ -217,9 +265,28 @@ impl Blobs for Files {
         staged.file.metadata()?.modified()
     }
 
+    fn remove_empty_folders(&self, folder: &str) -> io::Result<()> {
+        Self::remove_empty_below(&self.locate(folder)).map(drop)
+    }
+
     fn shown(&self, name: &str) -> String {
         self.locate(name).display().to_string()
     }
+
+    fn space(&self) -> io::Result<Option<Space>> {
+        Space::of(&self.root).map(Some)
+    }
+}
+
+/// Opens a file that holds bytes: a pipe in its place would be waited for without end.
+fn open_regular(path: &Path) -> io::Result<File> {
+    let flags = i32::try_from(OFlags::NONBLOCK.bits()).unwrap_or_default();
+    let file = File::options().read(true).custom_flags(flags).open(path)?;
+    if !file.metadata()?.is_file() {
+        let what = format!("{} is no regular file", path.display());
+        return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+    }
+    Ok(file)
 }
 
 fn remove_file(path: &Path) -> io::Result<()> {

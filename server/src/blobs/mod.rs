@@ -6,12 +6,15 @@
 //!
 //! Every method blocks its thread: call them on one that may.
 
+pub(crate) mod blocks;
 #[cfg(test)]
 mod conformance;
 mod files;
 #[cfg(feature = "s3")]
 mod objects;
+pub(crate) mod owner;
 mod place;
+mod watched;
 
 use std::fmt;
 use std::fs::{self, File};
@@ -24,6 +27,9 @@ pub(crate) use files::Files;
 #[cfg(feature = "s3")]
 pub(crate) use objects::Objects;
 pub(crate) use place::{OpenError, Place};
+pub(crate) use watched::Watched;
+
+use crate::disk::Space;
 
 /// What the name of a blob that is being written ends with.
 pub(crate) const PARTIAL: &str = crate::atomic_file::PARTIAL;
@@ -52,8 +58,8 @@ pub(crate) trait Blobs: fmt::Debug + Send + Sync {
     /// Forgets what this process has kept of a blob, so that the next look is at the storage.
     fn forget(&self, _name: &str) {}
 
-    /// Whether the storage itself makes sure that a blob has the bytes that it was given.
-    fn checks_bytes(&self) -> bool {
+    /// Whether blobs lie on another machine, so that those that are sent as they lie are not copied here first.
+    fn is_remote(&self) -> bool {
         false
     }
 
@@ -83,6 +89,14 @@ pub(crate) trait Blobs: fmt::Debug + Send + Sync {
     /// Those of the storage; some may have been removed then.
     fn remove_folder(&self, folder: &str) -> io::Result<()>;
 
+    /// Removes the folders below a folder that hold nothing.
+    ///
+    /// # Errors
+    /// Those of the storage; some may have been removed then.
+    fn remove_empty_folders(&self, _folder: &str) -> io::Result<()> {
+        Ok(())
+    }
+
     /// Gives a blob another name. `false` where there is none of that name.
     ///
     /// # Errors
@@ -106,6 +120,22 @@ pub(crate) trait Blobs: fmt::Debug + Send + Sync {
 
     /// How a name is shown to the operator.
     fn shown(&self, name: &str) -> String;
+
+    /// The size of the file system that they lie in, where there is one.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    fn space(&self) -> io::Result<Option<Space>> {
+        Ok(None)
+    }
+
+    /// Looks whether the storage answers and is still the same, where that may change.
+    fn look(&self) {}
+
+    /// What is wrong with the storage, by the last look.
+    fn trouble(&self) -> Option<String> {
+        None
+    }
 }
 
 /// A blob that is being sent.

@@ -65,16 +65,6 @@ impl Place {
         Ok(Self::S3 { bucket: bucket.to_owned(), prefix: prefix.to_owned() })
     }
 
-    /// The folder, if it is one.
-    #[cfg_attr(not(feature = "s3"), allow(clippy::unnecessary_wraps))]
-    pub(crate) fn folder(&self) -> Option<&Path> {
-        match self {
-            Self::Folder(folder) => Some(folder),
-            #[cfg(feature = "s3")]
-            Self::S3 { .. } => None,
-        }
-    }
-
     /// Opens the blobs there, for a service with that data directory, on whose file system so many bytes stay free.
     /// Blocks the thread.
     ///

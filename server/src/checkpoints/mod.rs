@@ -18,18 +18,19 @@ mod shared;
 
 use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Write as _};
+use std::io::{self, BufReader, BufWriter, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use packstone_engine::{Checkpoint, CheckpointError, PackingRequest, Resume};
+use packstone_engine::{Checkpoint, CheckpointError, PackingRequest, Resume, checkpoint};
 
 use self::shared::Shared;
 use crate::atomic_file::{self, PARTIAL};
 use crate::blobs::Blobs;
+use crate::blobs::blocks::{BlockSummer, CheckedBlob};
 use crate::jobs::store::Kept;
 use crate::tasks;
 
@@ -183,22 +184,16 @@ impl Checkpoints {
         partial.iter().for_each(removed);
         found.sort_by_key(|found| std::cmp::Reverse(found.attempt));
         found.into_iter().find_map(|found| {
-            let read = File::open(&found.file)
-                .map_err(Into::into)
-                .and_then(|file| Resume::read_from(&mut BufReader::with_capacity(BUFFER_BYTES, file), request));
+            let read = File::open(&found.file).map_err(Into::into).and_then(|file| {
+                Resume::read_from(&mut BufReader::with_capacity(BUFFER_BYTES, file), request)
+            });
             match read {
                 Ok(resume) => {
                     tracing::info!(of_attempt = found.attempt, "going on from a checkpoint");
                     Some(resume)
                 }
-                // It could not be read, for want of file descriptors for example: it may be readable later.
-                Err(CheckpointError::Io(error)) if error.kind() != io::ErrorKind::UnexpectedEof => {
-                    tracing::warn!(%error, of_attempt = found.attempt, "a checkpoint could not be read");
-                    None
-                }
                 Err(error) => {
-                    tracing::warn!(%error, of_attempt = found.attempt, "a checkpoint is of no use, and removed");
-                    removed(&found);
+                    tell_useless(&found, &error);
                     None
                 }
             }
@@ -214,22 +209,31 @@ impl Checkpoints {
         Ok(file.try_exists()?.then_some(file))
     }
 
-    /// The file of the newest checkpoint of a job, if there is one; that of another server where there is none here.
-    /// Blocks the thread.
-    pub(crate) fn newest(&self, id: &str) -> Option<PathBuf> {
-        if !self.of(id).iter().any(|found| found.complete) {
+    /// The newest whole checkpoint of a job, to be sent; that of another server where there is none here. Those that are
+    /// damaged are removed. Blocks the thread.
+    pub(crate) fn newest(&self, id: &str) -> Option<CheckedBlob> {
+        let whole = || self.of(id).into_iter().filter(|found| found.complete).collect::<Vec<_>>();
+        let mut found = whole();
+        if found.is_empty() {
             self.fetch_shared(id);
+            found = whole();
         }
-        let found = self.of(id).into_iter().filter(|found| found.complete);
-        found.max_by_key(|found| found.attempt).map(|found| found.file)
+        found.sort_by_key(|found| std::cmp::Reverse(found.attempt));
+        found.into_iter().find_map(|found| match open_whole(&found.file) {
+            Ok(opened) => Some(opened),
+            Err(error) => {
+                tell_useless(&found, &error);
+                None
+            }
+        })
     }
 
-    /// Takes in the checkpoint of an attempt that ran elsewhere.
+    /// Accepts the checkpoint of an attempt that ran elsewhere, piece by piece.
     ///
     /// # Errors
     /// The system's.
-    pub(crate) fn receive(&self, id: &str, attempt: i64) -> io::Result<atomic_file::Pieces> {
-        atomic_file::Pieces::begin(self.file(id, attempt))
+    pub(crate) fn receive(&self, id: &str, attempt: i64) -> io::Result<Receiving> {
+        Ok(Receiving(atomic_file::Pieces::begin(self.file(id, attempt))?))
     }
 
     fn file(&self, id: &str, attempt: i64) -> PathBuf {
@@ -348,6 +352,102 @@ impl Checkpoints {
         });
         found.retain(|found| found.id == id);
         found
+    }
+}
+
+/// Reads all whole checkpoints in a folder to their ends: how many these are, and what is wrong with which. Blocks the
+/// thread.
+///
+/// # Errors
+/// The system's.
+pub(crate) fn verify_all(folder: &Path) -> io::Result<(usize, Vec<(String, String)>)> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((0, Vec::new())),
+        entries => entries?,
+    };
+    let (mut read, mut damaged) = (0, Vec::new());
+    for entry in entries {
+        let entry = entry?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if !parse(&name).is_some_and(|(_, _, is_whole)| is_whole) {
+            continue;
+        }
+        match open_whole(&entry.path()) {
+            // It went with its job.
+            Err(CheckpointError::Io(error)) if error.kind() == io::ErrorKind::NotFound => continue,
+            Err(error) => damaged.push((name, error.to_string())),
+            Ok(_) => {}
+        }
+        read += 1;
+    }
+    Ok((read, damaged))
+}
+
+/// Removes a checkpoint that nothing can go on from. One that cannot be read, for want of file descriptors for example,
+/// may be readable later.
+fn tell_useless(found: &Found, error: &CheckpointError) {
+    let of_attempt = found.attempt;
+    match error {
+        CheckpointError::Io(error) if error.kind() != io::ErrorKind::UnexpectedEof => {
+            tracing::warn!(%error, of_attempt, "a checkpoint could not be read");
+        }
+        error => {
+            tracing::warn!(%error, of_attempt, "a checkpoint is of no use, and removed");
+            removed(found);
+        }
+    }
+}
+
+/// Opens a checkpoint, and makes sure that it is whole; so is what is read of it afterwards.
+fn open_whole(path: &Path) -> Result<CheckedBlob, CheckpointError> {
+    let mut file = File::open(path)?;
+    let mut summed = Summed { from: &file, sums: BlockSummer::default() };
+    checkpoint::verify(&mut BufReader::with_capacity(BUFFER_BYTES, &mut summed))?;
+    let sums = Arc::new(summed.sums.finish());
+    file.rewind()?;
+    // The next one who opens it verifies it again.
+    Ok(CheckedBlob::new(Box::new(file), path.display().to_string(), sums, Arc::new(|| {})))
+}
+
+/// Sums the blocks of a file while it is read.
+struct Summed<'a> {
+    from: &'a File,
+    sums: BlockSummer,
+}
+
+impl io::Read for Summed<'_> {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        let read = self.from.read(into)?;
+        self.sums.update(&into[..read]);
+        Ok(read)
+    }
+}
+
+/// A checkpoint that comes piece by piece. Dropped before it is finished, it leaves nothing.
+#[derive(Debug)]
+pub(crate) struct Receiving(atomic_file::Pieces);
+
+impl Receiving {
+    /// Writes the next piece.
+    ///
+    /// # Errors
+    /// The system's.
+    pub(crate) fn write(&mut self, piece: &[u8]) -> io::Result<()> {
+        self.0.write(piece)
+    }
+
+    /// Keeps the checkpoint, if it is whole.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] where it is not; the system's.
+    pub(crate) fn finish(self) -> io::Result<()> {
+        self.0.finish_checked(|file| {
+            checkpoint::verify(&mut BufReader::with_capacity(BUFFER_BYTES, file)).map_err(|error| match error
+            {
+                CheckpointError::Io(error) => error,
+                error => io::Error::new(io::ErrorKind::InvalidData, error.to_string()),
+            })
+        })
     }
 }
 

@@ -1,8 +1,11 @@
 #![allow(clippy::unwrap_used)]
 
+use std::io::Read as _;
+
 use serde_json::json;
 
 use super::*;
+use crate::blobs::Blob as _;
 
 fn request(seed: u64) -> PackingRequest {
     let value = json!({
@@ -164,10 +167,55 @@ fn another_server_goes_on_from_a_copy() {
     // One that has lost its lease takes nothing from the holder.
     first.checkpoints.share("job", 1);
     let third = server();
-    assert_eq!(third.checkpoints.newest("job"), Some(third.file("job.2.checkpoint")));
+    assert_eq!(read_newest(&third), Some(fs::read(third.file("job.2.checkpoint")).unwrap()));
     assert_eq!(third.checkpoints.resume("job", &request(7)), Some(state(7, "later")));
     assert_eq!(third.checkpoints.shared_ids().unwrap(), HashSet::from(["job".to_owned()]));
     third.checkpoints.remove("job", 2);
     assert_eq!(copies(), 0);
-    assert_eq!(server().checkpoints.newest("job"), None);
+    assert_eq!(read_newest(&server()), None);
+}
+
+/// What is sent of the newest checkpoint of the job.
+fn read_newest(folder: &Folder) -> Option<Vec<u8>> {
+    let newest = Box::new(folder.checkpoints.newest("job")?);
+    let (length, mut bytes) = (newest.length().unwrap(), Vec::new());
+    newest.read(0..length).unwrap().read_to_end(&mut bytes).unwrap();
+    Some(bytes)
+}
+
+#[test]
+fn a_bit_that_flips_anywhere_in_a_checkpoint_is_found_at_its_next_read() {
+    let folder = Folder::new();
+    for (attempt, body) in [(1, "earlier".to_owned()), (2, "state".repeat(20_000))] {
+        checkpoint(7, &body, |checkpoint| write(&folder.checkpoints.file("job", attempt), checkpoint))
+            .unwrap();
+    }
+    let file = folder.file("job.2.checkpoint");
+    let whole = fs::read(&file).unwrap();
+    let earlier = fs::read(folder.file("job.1.checkpoint")).unwrap();
+    assert_eq!(read_newest(&folder).as_ref(), Some(&whole));
+    for at in (0..whole.len()).step_by(4999).chain([whole.len() - 1]) {
+        let mut flipped = whole.clone();
+        flipped[at] ^= 1;
+        fs::write(&file, &flipped).unwrap();
+        assert_eq!(folder.checkpoints.resume("job", &request(7)), Some(state(7, "earlier")), "{at}");
+        assert!(!file.exists(), "{at}");
+        fs::write(&file, &flipped).unwrap();
+        assert_eq!(read_newest(&folder).as_ref(), Some(&earlier), "{at}");
+        assert!(!file.exists(), "{at}");
+    }
+}
+
+#[test]
+fn a_checkpoint_from_elsewhere_that_is_damaged_leaves_the_one_before() {
+    let folder = Folder::new();
+    checkpoint(7, "kept", |checkpoint| write(&folder.checkpoints.file("job", 1), checkpoint)).unwrap();
+    let whole = fs::read(folder.file("job.1.checkpoint")).unwrap();
+    for damaged in [&whole[..whole.len() - 1], b"PACKSTCK", b""] {
+        let mut receiving = folder.checkpoints.receive("job", 1).unwrap();
+        receiving.write(damaged).unwrap();
+        assert_eq!(receiving.finish().unwrap_err().kind(), io::ErrorKind::InvalidData);
+        assert_eq!(folder.names(), ["job.1.checkpoint"]);
+        assert_eq!(read_newest(&folder).as_ref(), Some(&whole));
+    }
 }

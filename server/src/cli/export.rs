@@ -6,7 +6,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored};
+use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored, verify};
 use packstone_engine::export::tables::{self, Column, EngineInfo, Table, TemplateRecord};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
@@ -140,6 +140,8 @@ fn read_either(input: &mut BufReader<File>) -> std::io::Result<(Value, Grains, O
     input.seek(SeekFrom::Start(0))?;
     if is_stored {
         let layout = Layout::read(input)?;
+        input.seek(SeekFrom::Start(0))?;
+        verify(input)?;
         input.seek(SeekFrom::Start(layout.columns_offset))?;
         let grains = tables::load(&columns(input, &layout)?.with_templates(layout.templates.clone()))?;
         let provenance = Provenance::from(&layout.head);

@@ -160,6 +160,7 @@ pub(crate) async fn sweep(
     }
     swept.files += sweep_files(store, artifacts, rules).await?;
     swept.files += sweep_checkpoints(store, checkpoints).await?;
+    on(artifacts, Artifacts::remove_empty_folders).await?;
     Ok(swept)
 }
 
@@ -366,6 +367,21 @@ mod tests {
             "of one that ended"
         );
         assert!(folder.path().join("checkpoints/notes.txt").exists());
+        // Folders without a file go, and those that hold one stay.
+        let named = |name: &str| folder.path().join(name);
+        for empty in ["artifacts/ab", "artifacts/cd", "quarantine/2026-03-28/ab"] {
+            std::fs::create_dir_all(named(empty)).unwrap();
+        }
+        std::fs::write(named("artifacts/cd/notes.txt"), "x").unwrap();
+        sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap();
+        assert!(named("artifacts/ab").exists(), "the next file may come at any moment");
+        let before = std::time::SystemTime::now() - Duration::from_secs(60);
+        for old in ["artifacts/ab", "artifacts/cd", "quarantine/2026-03-28/ab", "quarantine/2026-03-28"] {
+            std::fs::File::open(named(old)).unwrap().set_modified(before).unwrap();
+        }
+        sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap();
+        assert!(!named("artifacts/ab").exists() && !named("quarantine/2026-03-28").exists());
+        assert!(named("artifacts/cd/notes.txt").exists());
     }
 
     async fn submit(store: &Store, expires_at: &str) -> JobId {

@@ -53,7 +53,7 @@ fn polyhedra_are_stored_with_their_templates_and_read_back_exactly() {
     for rounding in [0.0, 0.07] {
         let grains = grains(rounding);
         let bytes = stored_bytes(&head, &grains);
-        assert!(bytes.starts_with(b"PACKSTN2"));
+        assert!(bytes.starts_with(b"PACKSTN3"));
         let layout = Layout::read(&mut &bytes[..]).unwrap();
         assert_eq!((&layout.head, layout.rows, layout.columns), (&head, 12, Column::OF_POLYHEDRA));
         assert_eq!(layout.file_length(), bytes.len() as u64);

@@ -1,11 +1,10 @@
 //! The form in which a result is stored: one file with its head as JSON and its columns as raw f64.
 //!
-//! Grains do not compress, and every format can be made from columns while streaming. Layout, all little-endian: a
-//! magic, `u64` length of the head, `u64` number of rows, the head as JSON padded with spaces to a multiple of 64 from
-//! the start of the file, then the columns one after the other. Revision 1 (magic `PACKSTN1`) holds spheres: its
-//! columns are x, y, z, d. Revision 2 (magic `PACKSTN2`) names its columns: its head is
-//! `{"columns": [names], "head": head}`, and of polyhedra with `"templates": [templates]` between both; a reader that
-//! does not know polyhedra refuses their columns.
+//! Grains do not compress, and every format can be made from columns while streaming. Layout, all little-endian: the
+//! magic `PACKSTN3`, `u64` length of the head, `u64` number of rows, the head as JSON padded with spaces to a multiple
+//! of 64 from the start of the file, the columns one after the other, and the CRC-32 of all that came before as `u32`.
+//! The head is `{"columns": [names], "head": head}`, and of polyhedra with `"templates": [templates]` between both.
+//! Revisions 1 and 2, which had no sum, are refused.
 
 use std::io::{self, Read, Write};
 
@@ -18,11 +17,12 @@ use super::templates::{self, TemplateRecord};
 use super::{Column, EngineInfo, GrainSource, Head};
 use crate::arrays;
 use crate::shape::Polyhedron;
+use crate::summed::{SUM_BYTES, Summed, ends_with_sum};
 
-/// First bytes of a stored result of spheres.
-const MAGIC_1: [u8; 8] = *b"PACKSTN1";
-/// First bytes of a stored result that names its columns.
-const MAGIC_2: [u8; 8] = *b"PACKSTN2";
+/// First bytes of a stored result.
+const MAGIC: [u8; 8] = *b"PACKSTN3";
+/// First bytes of the earlier revisions.
+const EARLIER: [[u8; 8]; 2] = [*b"PACKSTN1", *b"PACKSTN2"];
 
 /// Length of the first bytes that tell a stored result from other files.
 pub const MAGIC_BYTES: usize = 8;
@@ -34,14 +34,32 @@ const ALIGNMENT: usize = 64;
 
 /// The first version whose results have this form, major and minor.
 const SINCE: (u64, u64) = (0, 2);
+/// The last build that reads the earlier revisions.
+const READS_EARLIER: &str = "Packstone 0.2.0 at commit 9f6917b";
 
-/// Whether a file that begins with these bytes is a stored result.
+/// Whether a file that begins with these bytes is a stored result, of this revision or an earlier one.
 #[must_use]
 pub fn is_stored(first: [u8; MAGIC_BYTES]) -> bool {
-    first == MAGIC_1 || first == MAGIC_2
+    first == MAGIC || EARLIER.contains(&first)
 }
 
-/// The head of revision 2.
+/// Reads a stored result to its end, and makes sure that it is the one that was written.
+///
+/// # Errors
+/// Those of the reader; `InvalidData` where a byte is not what it was.
+pub fn verify(from: &mut dyn Read) -> io::Result<()> {
+    if ends_with_sum(from)? { Ok(()) } else { Err(damaged()) }
+}
+
+fn damaged() -> io::Error {
+    invalid("the stored result is damaged: its bytes do not have the sum that stands at its end")
+}
+
+fn invalid(what: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what.to_owned())
+}
+
+/// What stands at the place of the head.
 #[derive(Serialize, Deserialize)]
 struct Named<N, T, H> {
     columns: N,
@@ -79,8 +97,7 @@ impl Layout {
         let mut fixed = [0; FIXED];
         from.read_exact(&mut fixed)?;
         let (magic, lengths) = fixed.split_at(MAGIC_BYTES);
-        let invalid = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
-        if magic != MAGIC_1 && magic != MAGIC_2 {
+        if magic != MAGIC && !EARLIER.iter().any(|earlier| magic == earlier) {
             return Err(invalid("not a stored result: its magic is missing"));
         }
         let number = |i: usize| u64::from_le_bytes(arrays::from_fn(|b| lengths[8 * i + b]));
@@ -95,15 +112,14 @@ impl Layout {
             let what = format!("a result of Packstone {version}, which reads it; this is Packstone {this}");
             return Err(invalid(&what));
         }
-        let (columns, templates, head) = if magic == MAGIC_1 {
-            (Column::OF_SPHERES, Vec::new(), serde_json::from_slice(&text)?)
-        } else {
-            let Named::<Vec<String>, Vec<TemplateRecord>, Head> { columns, templates, head } =
-                serde_json::from_slice(&text)?;
-            let known = Column::of_names(&columns);
-            let columns = known.ok_or_else(|| invalid("a stored result with unknown columns"))?;
-            (columns, templates::read(columns, templates)?, head)
-        };
+        if magic != MAGIC {
+            return Err(invalid(&format!("a stored result of an earlier form, which {READS_EARLIER} reads")));
+        }
+        let Named::<Vec<String>, Vec<TemplateRecord>, Head> { columns, templates, head } =
+            serde_json::from_slice(&text)?;
+        let known = Column::of_names(&columns);
+        let columns = known.ok_or_else(|| invalid("a stored result with unknown columns"))?;
+        let templates = templates::read(columns, templates)?;
         Ok(Self { head, columns, templates, rows, columns_offset: FIXED as u64 + head_length })
     }
 
@@ -118,7 +134,7 @@ impl Layout {
 
     /// Length of the whole file, in bytes.
     pub fn file_length(&self) -> u64 {
-        self.columns_offset + 8 * self.columns.len() as u64 * self.rows
+        self.columns_offset + 8 * self.columns.len() as u64 * self.rows + SUM_BYTES as u64
     }
 }
 
@@ -154,7 +170,7 @@ impl<'a> StoredBytes<'a> {
     /// Reads the layout of a whole stored result.
     ///
     /// # Errors
-    /// Those of [`Layout::read`]; `InvalidData` where the bytes are more or fewer than the layout says.
+    /// Those of [`Layout::read`] and [`verify`]; `InvalidData` where the bytes are more or fewer than the layout says.
     pub fn read(bytes: &'a [u8]) -> io::Result<Self> {
         let layout = Layout::read(&mut &*bytes)?;
         if layout.file_length() != bytes.len() as u64 {
@@ -162,6 +178,7 @@ impl<'a> StoredBytes<'a> {
                 format!("a stored result of {} bytes: must have {}", bytes.len(), layout.file_length());
             return Err(io::Error::new(io::ErrorKind::InvalidData, what));
         }
+        verify(&mut &*bytes)?;
         Ok(Self { layout, bytes })
     }
 
@@ -194,22 +211,20 @@ impl GrainSource for StoredBytes<'_> {
     }
 }
 
-/// Writes the stored form: revision 1 for spheres, revision 2 for other grains.
+/// Writes the stored form.
 ///
 /// # Errors
 /// Those of the writer and of the source.
 pub fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
-    let (magic, mut text) = if grains.columns() == Column::OF_SPHERES {
-        (MAGIC_1, serde_json::to_vec(head)?)
-    } else {
-        let templates = templates::records(grains);
-        (MAGIC_2, serde_json::to_vec(&Named { columns: names(grains.columns()), templates, head })?)
-    };
+    let templates = templates::records(grains);
+    let mut text = serde_json::to_vec(&Named { columns: names(grains.columns()), templates, head })?;
     let padded = (FIXED + text.len()).next_multiple_of(ALIGNMENT) - FIXED;
     text.resize(padded, b' ');
-    out.write_all(&magic)?;
+    let mut out = Summed::new(out);
+    out.write_all(&MAGIC)?;
     out.write_all(&(padded as u64).to_le_bytes())?;
     out.write_all(&(grains.len() as u64).to_le_bytes())?;
     out.write_all(&text)?;
-    write_columns(grains, out)
+    write_columns(grains, &mut out)?;
+    out.finish()
 }

@@ -4,7 +4,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::json;
 
 use super::source::BLOCK_ROWS;
-use super::stored::Layout;
+use super::stored::{Layout, StoredBytes};
 use super::*;
 use crate::packing::{EdmdStatistics, GrowthEnd};
 use crate::packing::{Grains, Solids};
@@ -154,6 +154,35 @@ fn the_stored_form_reads_back() {
     assert!(Layout::read(&mut &bytes[..100]).is_err());
     bytes[0] = b'X';
     assert_eq!(Layout::read(&mut bytes.as_slice()).unwrap_err().kind(), io::ErrorKind::InvalidData);
+    for earlier in [b'1', b'2'] {
+        (bytes[0], bytes[7]) = (b'P', earlier);
+        let refused = Layout::read(&mut bytes.as_slice()).unwrap_err();
+        assert!(refused.to_string().contains("at commit 9f6917b reads"), "{refused}");
+    }
+}
+
+#[test]
+fn a_damaged_stored_result_is_refused_wherever_it_is_damaged() {
+    let (head, spheres) = result();
+    let mut bytes = Vec::new();
+    stored::write(&head, &spheres, &mut bytes).unwrap();
+    stored::verify(&mut bytes.as_slice()).unwrap();
+    assert_eq!(load(&StoredBytes::read(&bytes).unwrap()).unwrap(), Grains::Spheres(spheres));
+    for at in (0..bytes.len()).step_by(61).chain(bytes.len() - 5..bytes.len()) {
+        bytes[at] ^= 4;
+        assert_eq!(
+            stored::verify(&mut bytes.as_slice()).unwrap_err().kind(),
+            io::ErrorKind::InvalidData,
+            "{at}"
+        );
+        assert!(StoredBytes::read(&bytes).is_err(), "{at}");
+        bytes[at] ^= 4;
+    }
+    for length in [0, 3, 4, bytes.len() - 1] {
+        assert!(
+            stored::verify(&mut &bytes[..length]).is_err() && StoredBytes::read(&bytes[..length]).is_err()
+        );
+    }
 }
 
 #[test]
@@ -245,7 +274,7 @@ fn ellipsoids_are_stored_with_named_columns_and_read_back_exactly() {
     let grains = ellipsoids();
     let mut bytes = Vec::new();
     stored::write(&head, &grains, &mut bytes).unwrap();
-    assert!(stored::is_stored(bytes[..8].try_into().unwrap()) && bytes.starts_with(b"PACKSTN2"));
+    assert!(stored::is_stored(bytes[..8].try_into().unwrap()) && bytes.starts_with(b"PACKSTN3"));
     let layout = Layout::read(&mut &bytes[..]).unwrap();
     assert_eq!((&layout.head, layout.rows, layout.columns), (&head, 2, Column::OF_ELLIPSOIDS));
     assert_eq!(layout.file_length(), bytes.len() as u64);
@@ -258,7 +287,7 @@ fn ellipsoids_are_stored_with_named_columns_and_read_back_exactly() {
     assert_eq!(load(&table).unwrap(), Grains::Solids(grains));
     assert_eq!(value(Column::Sieve, 0), 26.0_f64.sqrt());
     assert!((value(Column::Diameter, 0) - 2.0 * libm::cbrt(24.0_f64)).abs() < 1e-15);
-    // The first magic with columns of ellipsoids, or unknown columns, is no result.
+    // With unknown columns it is no result.
     let unknown = String::from_utf8_lossy(&bytes[24..]).find("sieve_mm").unwrap() + 24;
     bytes[unknown] = b'S';
     assert_eq!(Layout::read(&mut &bytes[..]).unwrap_err().kind(), io::ErrorKind::InvalidData);

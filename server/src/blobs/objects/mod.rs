@@ -10,6 +10,7 @@
 
 mod connector;
 mod copies;
+mod requests;
 
 use std::error::Error as _;
 use std::fs::{self, File};
@@ -30,12 +31,12 @@ use object_store::{
     BackoffConfig, Error, GetOptions, GetRange, MultipartUpload, ObjectStore as _, ObjectStoreExt as _,
     PutMode, PutPayload, RetryConfig,
 };
-use tokio::runtime::Handle;
 use tokio::time::{sleep, timeout};
 use uuid::Uuid;
 
 use self::connector::Connector;
 use self::copies::Copies;
+use self::requests::Requests;
 use super::{Blob, Blobs, Listed, PARTIAL, Shown, Staged};
 use crate::disk::Disk;
 
@@ -70,13 +71,13 @@ pub(crate) struct Objects {
     prefix: String,
     scratch: PathBuf,
     copies: Copies,
-    runtime: Handle,
+    requests: Arc<Requests>,
 }
 
 impl Objects {
     /// A bucket of S3, with credentials and endpoint from the variables `AWS_*` of the environment. Files that are on
-    /// their way to it and copies of objects lie in the folder `scratch`, within the room of its disk. Called on a
-    /// thread of a runtime that may block.
+    /// their way to it and copies of objects lie in the folder `scratch`, within the room of its disk. Blocks the
+    /// thread.
     ///
     /// # Errors
     /// The settings are wrong, or the bucket does not answer or refuses.
@@ -103,7 +104,7 @@ impl Objects {
             prefix: prefix.to_owned(),
             copies: Copies::new(scratch.clone(), disk),
             scratch,
-            runtime: Handle::current(),
+            requests: Arc::new(Requests::new()?),
         };
         // One page: that the bucket is there and lets itself be read.
         let first = objects
@@ -124,8 +125,8 @@ impl Objects {
 
     /// Waits for the end of a request.
     fn wait<T>(&self, request: impl Future<Output = Result<T, Error>>) -> io::Result<T> {
-        self.runtime
-            .block_on(async { timeout(ANSWER, request).await })
+        self.requests
+            .wait(async { timeout(ANSWER, request).await })
             .map_err(|_| late())?
             .map_err(|error| of_storage(&error))
     }
@@ -194,7 +195,7 @@ impl Blobs for Objects {
     fn publish(&self, staged: Staged, name: &str, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
         let length = staged.file().metadata()?.len();
         let path = self.path(name);
-        self.runtime.block_on(async {
+        self.requests.wait(async {
             if length <= WHOLE_BYTES {
                 return unless(is_stopped, self.put_whole(&path, staged.file(), length)).await;
             }
@@ -218,7 +219,7 @@ impl Blobs for Objects {
         let length = self.wait(self.length(&path))?;
         let copy = |mut file: &File| {
             if length > 0 {
-                io::copy(&mut read(&self.store, &self.runtime, &path, 0..length)?, &mut file)?;
+                io::copy(&mut read(&self.store, &self.requests, &path, 0..length)?, &mut file)?;
             }
             Ok(())
         };
@@ -229,14 +230,15 @@ impl Blobs for Objects {
         self.copies.forget(name);
     }
 
-    fn checks_bytes(&self) -> bool {
+    fn is_remote(&self) -> bool {
         true
     }
 
     fn open(&self, name: &str) -> io::Result<Box<dyn Blob>> {
         let path = self.path(name);
         let length = self.wait(self.length(&path))?;
-        let objects = Opened { store: Arc::clone(&self.store), path, length, runtime: self.runtime.clone() };
+        let (store, requests) = (Arc::clone(&self.store), Arc::clone(&self.requests));
+        let objects = Opened { store, path, length, requests };
         Ok(Box::new(objects))
     }
 
@@ -322,7 +324,7 @@ struct Opened {
     store: Arc<AmazonS3>,
     path: Path,
     length: u64,
-    runtime: Handle,
+    requests: Arc<Requests>,
 }
 
 impl Blob for Opened {
@@ -334,29 +336,29 @@ impl Blob for Opened {
         if range.is_empty() {
             return Ok(Box::new(io::empty()));
         }
-        Ok(Box::new(read(&self.store, &self.runtime, &self.path, range)?))
+        Ok(Box::new(read(&self.store, &self.requests, &self.path, range)?))
     }
 }
 
 /// Starts to read a part of an object, of at least one byte.
-fn read(store: &AmazonS3, runtime: &Handle, path: &Path, range: Range<u64>) -> io::Result<Reading> {
+fn read(store: &AmazonS3, requests: &Arc<Requests>, path: &Path, range: Range<u64>) -> io::Result<Reading> {
     let options = GetOptions::new().with_range(Some(GetRange::Bounded(range)));
-    let found = runtime.block_on(async { timeout(ANSWER, store.get_opts(path, options)).await });
+    let found = requests.wait(async { timeout(ANSWER, store.get_opts(path, options)).await });
     let blocks = found.map_err(|_| late())?.map_err(|error| of_storage(&error))?.into_stream();
-    Ok(Reading { blocks, block: Bytes::new(), runtime: runtime.clone() })
+    Ok(Reading { blocks, block: Bytes::new(), requests: Arc::clone(requests) })
 }
 
 /// Bytes of an object as they come.
 struct Reading {
     blocks: BoxStream<'static, Result<Bytes, Error>>,
     block: Bytes,
-    runtime: Handle,
+    requests: Arc<Requests>,
 }
 
 impl Read for Reading {
     fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
         while self.block.is_empty() {
-            let next = self.runtime.block_on(async { timeout(ANSWER, self.blocks.next()).await });
+            let next = self.requests.wait(async { timeout(ANSWER, self.blocks.next()).await });
             let Some(block) = next.map_err(|_| late())? else { return Ok(0) };
             self.block = block.map_err(|error| of_storage(&error))?;
         }

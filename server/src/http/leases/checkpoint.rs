@@ -1,6 +1,5 @@
 //! The checkpoint of a job, from the attempt before and for the attempt after.
 
-use std::fs::File;
 use std::io;
 
 use axum::Extension;
@@ -11,11 +10,12 @@ use axum::response::{IntoResponse as _, Response};
 
 use super::{LeasePath, lost, running, upload};
 use crate::accounts::Caller;
+use crate::blobs::Blob as _;
 use crate::disk::{Disk, is_full};
 use crate::http::app::App;
 use crate::http::files::send_file;
 use crate::http::params::{NoParameters, Query};
-use crate::problem::{Kind, Problem};
+use crate::problem::{Fault, Kind, Problem};
 use crate::tasks;
 
 /// Get the checkpoint that earlier attempts of the job have left
@@ -36,9 +36,9 @@ pub(crate) async fn get(
     running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
     let checkpoints = app.shared.checkpoints.clone();
     let opened = tasks::blocking(move || {
-        let file = File::open(checkpoints.newest(&path.id.to_string())?).ok()?;
-        let length = file.metadata().ok()?.len();
-        Some((Box::new(file), length))
+        let checkpoint = checkpoints.newest(&path.id.to_string())?;
+        let length = checkpoint.length().ok()?;
+        Some((Box::new(checkpoint), length))
     });
     let opened = opened.await.map_err(|_| Problem::internal())?;
     let (file, length) =
@@ -94,7 +94,14 @@ pub(crate) async fn put(
         checkpoints.share(&id, path.attempt);
         Ok(())
     });
-    kept.await?.map_err(|error| of_disk(&error, &disk))?;
+    kept.await?.map_err(|error: io::Error| match error.kind() {
+        io::ErrorKind::InvalidData => {
+            tracing::warn!(%error, job_id = %path.id, "a checkpoint of a worker was refused");
+            let detail = format!("must be a whole checkpoint: {error}");
+            Problem::parameters(vec![Fault { pointer: Some(String::new()), detail, ..Fault::default() }])
+        }
+        _ => of_disk(&error, &disk),
+    })?;
     Ok(StatusCode::NO_CONTENT.into_response())
 }
 

@@ -333,6 +333,9 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
         Ok(_) => {}
         Err(error) => tracing::warn!(%error, "the free space of the data directory is not known"),
     }
+    if let Some(trouble) = app.shared.artifacts.trouble() {
+        return Err(not_ready(&trouble));
+    }
     let trial = disk.clone();
     if tasks::blocking(move || trial.is_short()).await.unwrap_or(true) {
         return Err(not_ready("a write failed because the disk is full, and it is still full"));

@@ -1,5 +1,7 @@
 //! The files that a store refers to, read without a store: from the database of a service that may be running.
 
+use std::collections::BTreeSet;
+
 use super::db::query;
 use super::{Database, StoreError, schema};
 
@@ -12,6 +14,29 @@ pub(crate) struct ExpectedFile {
     pub(crate) bytes: u64,
     /// Its SHA-256, in hexadecimal.
     pub(crate) sha256: String,
+}
+
+/// The identity of a database, and which of these jobs and exports it has. The database is only read.
+///
+/// # Errors
+/// The database's, or its tables are not those of this version.
+pub(crate) async fn known_of(
+    database: &Database,
+    ids: &BTreeSet<String>,
+) -> Result<(String, BTreeSet<String>), StoreError> {
+    let readers = database.options().readers().await?;
+    let mut tx = readers.begin().await?;
+    let identity = schema::read(&mut tx, database).await?;
+    let mut known = BTreeSet::new();
+    for id in ids {
+        let row = query("select 1 from jobs where id = ? union all select 1 from exports where id = ?");
+        if row.bind(id.as_str()).bind(id.as_str()).fetch_optional(&mut tx).await?.is_some() {
+            known.insert(id.clone());
+        }
+    }
+    tx.rollback().await?;
+    readers.close().await;
+    Ok((identity, known))
 }
 
 /// All files that a database refers to, by path. The database is only read.

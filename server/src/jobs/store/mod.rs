@@ -76,7 +76,7 @@ pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
-pub(crate) use files::{ExpectedFile, files_of};
+pub(crate) use files::{ExpectedFile, files_of, known_of};
 pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};

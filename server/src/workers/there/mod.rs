@@ -269,6 +269,9 @@ impl There {
                             detail,
                             ..
                         }) => tracing::warn!(detail, "the server has no room for the last checkpoint"),
+                        Err(error) if !error.passes() && !error.is_lost() => {
+                            tracing::warn!(%error, "the server did not accept the last checkpoint");
+                        }
                         sent => sent?,
                     }
                 }
