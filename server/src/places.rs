@@ -101,7 +101,9 @@ pub(crate) async fn claim(
         let data_dir = Files::alone(options.data_dir.clone());
         match owner::claim(&data_dir, &owner) {
             // The file in the directory was replaced: whether the results fit to it is looked at besides.
-            Err(OwnerError::Other { theirs, .. }) if options.adopt_orphans || (is_file && theirs.store == owner.store) => {
+            Err(OwnerError::Other { theirs, .. })
+                if options.adopt_orphans || (is_file && theirs.store == owner.store) =>
+            {
                 tracing::warn!(%theirs, ours = %owner, "the data directory belongs to another database from now on");
                 owner::take_over(&data_dir, &owner)?;
             }

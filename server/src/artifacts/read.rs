@@ -22,7 +22,7 @@ const COLUMN_BLOCK_BYTES: usize = 1 << 13;
 /// Files up to this length are verified as a whole each time they are opened, so that an answer with a damaged one is
 /// refused before its first byte.
 const SMALL_BYTES: u64 = 4 << 20;
-/// How often a file is read that does not agree with its digest: a copy of an object may be damaged, and not the object.
+/// How often a file is read that does not agree with its digest: a copy of an object may be damaged, not the object.
 const TRIES: usize = 2;
 
 /// An open result. It stays readable when the file is removed meanwhile.

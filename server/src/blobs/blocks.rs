@@ -2,8 +2,8 @@
 //!
 //! The sums are made of bytes that are known to be right: of those that this process wrote, or of a file whose SHA-256
 //! was compared with that of the database in the same pass. They are kept in memory. A reader gets only bytes of blocks
-//! that agree with their sums at that moment, so that a file that changes after its SHA-256 was compared is found at its
-//! next read.
+//! that agree with their sums at that moment, so that a file that changes after its SHA-256 was compared is found at
+//! its next read.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -137,7 +137,7 @@ pub(crate) struct CheckedFile {
     file: File,
     expected: Expected,
     /// Blocks that agreed with their sums, the one used last first.
-    kept: Mutex<VecDeque<(usize, Vec<u8>)>>,
+    kept: Mutex<VecDeque<Block>>,
     /// Blocks that are kept.
     most_kept: usize,
 }
@@ -193,20 +193,37 @@ impl CheckedFile {
         FromStart { file: self, offset: 0 }
     }
 
-    fn block<'a>(&self, kept: &'a mut VecDeque<(usize, Vec<u8>)>, block: usize) -> io::Result<&'a [u8]> {
-        let found = kept.iter().position(|(of, _)| *of == block);
+    fn block<'a>(&self, kept: &'a mut VecDeque<Block>, number: usize) -> io::Result<&'a [u8]> {
+        let found = kept.iter().position(|block| block.number == number);
         if let Some(found) = found.and_then(|found| kept.remove(found)) {
             kept.push_front(found);
         } else {
-            let is_full = kept.len() >= self.most_kept;
-            let mut bytes = if is_full { kept.pop_back().unwrap_or_default().1 } else { Vec::new() };
-            let range = self.expected.sums.range(block);
-            bytes.resize((range.end - range.start) as usize, 0);
-            self.file.read_exact_at(&mut bytes, range.start)?;
-            self.expected.check(block, &bytes)?;
-            kept.push_front((block, bytes));
+            let reused = if kept.len() >= self.most_kept { kept.pop_back() } else { None };
+            let mut block = reused.unwrap_or_else(Block::empty);
+            let Range { start, end } = self.expected.sums.range(number);
+            (block.number, block.length) = (number, (end - start) as usize);
+            self.file.read_exact_at(&mut block.bytes[..block.length], start)?;
+            self.expected.check(number, block.content())?;
+            kept.push_front(block);
         }
-        Ok(kept.front().map_or(&[], |(_, bytes)| bytes.as_slice()))
+        Ok(kept.front().map_or(&[], Block::content))
+    }
+}
+
+/// The bytes of a block.
+struct Block {
+    number: usize,
+    length: usize,
+    bytes: Vec<u8>,
+}
+
+impl Block {
+    fn empty() -> Self {
+        Self { number: 0, length: 0, bytes: vec![0; BLOCK_BYTES] }
+    }
+
+    fn content(&self) -> &[u8] {
+        &self.bytes[..self.length]
     }
 }
 
@@ -259,20 +276,20 @@ impl Blob for CheckedBlob {
         let start = expected.sums.range(block).start;
         let last = ((range.end - 1) / BLOCK_BYTES as u64) as usize;
         let end = expected.sums.range(last).end;
+        let wanted = (end - start).min(AHEAD_BYTES as u64) as usize;
         let mut reading = Reading {
             inner: inner.read(start..end)?,
             expected,
             block,
-            verified: Vec::with_capacity(BLOCK_BYTES),
+            bytes: vec![0; wanted.max(BLOCK_BYTES)],
+            verified: 0,
             at: 0,
             left: range.end - range.start,
         };
-        let skipped = (range.start - start) as usize;
-        let wanted = (end - start).min(AHEAD_BYTES as u64) as usize;
-        while reading.verified.len() < wanted {
+        while reading.verified < wanted {
             reading.verify_next()?;
         }
-        reading.at = skipped;
+        reading.at = (range.start - start) as usize;
         Ok(Box::new(reading))
     }
 }
@@ -283,7 +300,9 @@ struct Reading {
     expected: Expected,
     /// The next one to read.
     block: usize,
-    verified: Vec<u8>,
+    bytes: Vec<u8>,
+    /// Up to here the bytes were verified.
+    verified: usize,
     /// Up to here they were handed on.
     at: usize,
     /// Bytes that are wanted yet.
@@ -294,10 +313,10 @@ impl Reading {
     /// Adds the next block to those that were verified.
     fn verify_next(&mut self) -> io::Result<()> {
         let Range { start, end } = self.expected.sums.range(self.block);
-        let before = self.verified.len();
-        self.verified.resize(before + (end - start) as usize, 0);
-        self.inner.read_exact(&mut self.verified[before..])?;
-        self.expected.check(self.block, &self.verified[before..])?;
+        let bytes = &mut self.bytes[self.verified..self.verified + (end - start) as usize];
+        self.inner.read_exact(bytes)?;
+        self.expected.check(self.block, bytes)?;
+        self.verified += bytes.len();
         self.block += 1;
         Ok(())
     }
@@ -308,14 +327,14 @@ impl Read for Reading {
         if self.left == 0 {
             return Ok(0);
         }
-        if self.at == self.verified.len() {
-            self.verified.clear();
-            self.at = 0;
+        if self.at == self.verified {
+            (self.at, self.verified) = (0, 0);
             // What was read ahead is not needed again.
-            self.verified.shrink_to(BLOCK_BYTES);
+            self.bytes.truncate(BLOCK_BYTES);
+            self.bytes.shrink_to_fit();
             self.verify_next()?;
         }
-        let rest = &self.verified[self.at..];
+        let rest = &self.bytes[self.at..self.verified];
         let taken = rest.len().min(into.len()).min(usize::try_from(self.left).unwrap_or(usize::MAX));
         into[..taken].copy_from_slice(&rest[..taken]);
         self.at += taken;

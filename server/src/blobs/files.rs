@@ -89,8 +89,8 @@ impl Files {
         Ok(())
     }
 
-    /// Does something in the folder of a file, which is made where it is missing, and may be removed at any moment while
-    /// it is empty.
+    /// Does something in the folder of a file, which is made where it is missing, and may be removed at any moment
+    /// while it is empty.
     fn in_folder_of<T>(&self, file: &Path, work: impl Fn() -> io::Result<T>) -> io::Result<T> {
         let mut tried = 1;
         loop {

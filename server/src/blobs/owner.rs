@@ -1,7 +1,7 @@
 //! The mark by which a place names the database that its files belong to.
 //!
-//! The first service that uses a place writes the mark, under a name that is given once. A service with another database
-//! is refused: to it every file there would be unknown, and would be moved to the quarantine.
+//! The first service that uses a place writes the mark, under a name that is given once. A service with another
+//! database is refused: to it every file there would be unknown, and would be moved to the quarantine.
 
 use std::io::{self, Read as _, Write as _};
 
@@ -49,7 +49,8 @@ pub(crate) enum OwnerError {
     },
     /// The mark names none.
     #[error(
-        "{mark} does not name the database that the place belongs to: {why}. If it is the database {ours}, remove {mark}"
+        "{mark} does not name the database that the place belongs to: {why}. If it is the database {ours}, remove \
+         {mark}"
     )]
     Unreadable {
         /// The mark.

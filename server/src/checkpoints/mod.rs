@@ -209,8 +209,8 @@ impl Checkpoints {
         Ok(file.try_exists()?.then_some(file))
     }
 
-    /// The newest whole checkpoint of a job, to be sent; that of another server where there is none here. Those that are
-    /// damaged are removed. Blocks the thread.
+    /// The newest whole checkpoint of a job, to be sent; that of another server where there is none here. Those that
+    /// are damaged are removed. Blocks the thread.
     pub(crate) fn newest(&self, id: &str) -> Option<CheckedBlob> {
         let whole = || self.of(id).into_iter().filter(|found| found.complete).collect::<Vec<_>>();
         let mut found = whole();

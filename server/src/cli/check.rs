@@ -69,8 +69,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     for path in &compared.unfinished {
         print(&format!(
-            "{path}: not in the database yet, written less than an hour ago for a job or an export that it has; no fault: \
-             it is recorded soon, or a service removes it\n"
+            "{path}: not in the database yet, written less than an hour ago for a job or an export that it has; no \
+             fault: it is recorded soon, or a service removes it\n"
         ))?;
     }
     let bytes: u64 = files.iter().map(|file| file.bytes).sum();
