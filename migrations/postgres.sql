@@ -160,6 +160,8 @@ create table jobs (
     turn             bigint           not null default 0,
     -- A job that met a fault of the machine starts no sooner than this.
     not_before       bigint,
+    -- Why it starts no sooner, as JSON: what it waits for, and a sentence.
+    waits_for        text,
     -- Faults of the machine since the last run that met none; the pause grows with them.
     faults           bigint           not null default 0,
     -- Owner; several keys may have one owner. Empty where the server required no key.
@@ -195,6 +197,8 @@ create index jobs_by_state on jobs (state, seq);
 create index jobs_queue on jobs (owner, priority desc, turn, seq) where state = 'queued';
 create index jobs_leases on jobs (lease_expires_at) where state = 'running';
 create index jobs_expiry on jobs (expires_at) where expires_at is not null;
+-- Waiting jobs that are cancelled when they expire.
+create index jobs_expiry_queued on jobs (expires_at) where state = 'queued' and expires_at is not null;
 create index jobs_by_study on jobs (study, seq) where study is not null;
 create index jobs_by_study_state on jobs (study, state, seq) where study is not null;
 create unique index jobs_by_point on jobs (study, point, replicate) where study is not null;
@@ -393,6 +397,8 @@ create table webhook_deliveries (
     -- The header `webhook-id`: the same in all attempts, so that a receiver can drop repeats.
     id           text collate "C" not null unique,
     body         text collate "C" not null,
+    -- Owner of the job or the study: owners take turns (see webhooks/on_the_way.rs).
+    owner        text collate "C" not null default '',
     host         text collate "C" not null,
     state        text collate "C" not null check (state in ('waiting', 'delivered', 'failed')),
     attempts     bigint           not null default 0,
@@ -408,8 +414,8 @@ create table webhook_deliveries (
     url          text collate "C" not null default ''
 );
 
--- The next message of a host is the first record of the host in this index.
-create index webhook_deliveries_waiting on webhook_deliveries (host, sent_before, next_at, seq)
+-- The next message of an owner to a host is the first record of both in this index.
+create index webhook_deliveries_waiting on webhook_deliveries (owner, host, sent_before, next_at, seq)
     where state = 'waiting';
 create index webhook_deliveries_by_webhook on webhook_deliveries (webhook, seq);
 
@@ -652,7 +658,7 @@ execute function study_runs_retried();
 -- webhook. PostgreSQL has no texts with U+0000: U+FFFD stands for its escape, unless that is itself escaped.
 create function webhook_of_job() returns trigger language plpgsql as $$
 begin
-    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, owner, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || replace(gen_random_uuid()::text, '-', ''),
@@ -674,7 +680,7 @@ begin
                 )
             end
         ),
-        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
+        webhooks.url, new.owner, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks cross join lateral (
         select regexp_replace(new.error, '(?<!\\)((?:\\\\)*)\\u0000', '\1\\ufffd', 'g')::json as document
     ) as failure
@@ -693,7 +699,7 @@ execute function webhook_of_job();
 
 create function webhook_of_study() returns trigger language plpgsql as $$
 begin
-    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, owner, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || replace(gen_random_uuid()::text, '-', ''),
@@ -709,7 +715,7 @@ begin
                 'links', json_build_object('self', '/v1/studies/' || new.id)
             )
         ),
-        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
+        webhooks.url, new.owner, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks where webhooks.study = new.seq and webhooks.url <> '';
     return null;
 end

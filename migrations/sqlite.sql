@@ -155,6 +155,8 @@ create table jobs (
     turn             integer not null default 0,
     -- A job that met a fault of the machine starts no sooner than this.
     not_before       integer,
+    -- Why it starts no sooner, as JSON: what it waits for, and a sentence.
+    waits_for        text,
     -- Faults of the machine since the last run that met none; the pause grows with them.
     faults           integer not null default 0,
     -- Owner; several keys may have one owner. Empty where the server required no key.
@@ -190,6 +192,8 @@ create index jobs_by_state on jobs (state, seq);
 create index jobs_queue on jobs (owner, priority desc, turn, seq) where state = 'queued';
 create index jobs_leases on jobs (lease_expires_at) where state = 'running';
 create index jobs_expiry on jobs (expires_at) where expires_at is not null;
+-- Waiting jobs that are cancelled when they expire.
+create index jobs_expiry_queued on jobs (expires_at) where state = 'queued' and expires_at is not null;
 create index jobs_by_study on jobs (study, seq) where study is not null;
 create index jobs_by_study_state on jobs (study, state, seq) where study is not null;
 create unique index jobs_by_point on jobs (study, point, replicate) where study is not null;
@@ -388,6 +392,8 @@ create table webhook_deliveries (
     -- The header `webhook-id`: the same in all attempts, so that a receiver can drop repeats.
     id           text    not null unique,
     body         text    not null,
+    -- Owner of the job or the study: owners take turns (see webhooks/on_the_way.rs).
+    owner        text    not null default '',
     host         text    not null,
     state        text    not null check (state in ('waiting', 'delivered', 'failed')),
     attempts     integer not null default 0,
@@ -403,8 +409,8 @@ create table webhook_deliveries (
     url          text    not null default ''
 ) strict;
 
--- The next message of a host is the first record of the host in this index.
-create index webhook_deliveries_waiting on webhook_deliveries (host, sent_before, next_at, seq)
+-- The next message of an owner to a host is the first record of both in this index.
+create index webhook_deliveries_waiting on webhook_deliveries (owner, host, sent_before, next_at, seq)
     where state = 'waiting';
 create index webhook_deliveries_by_webhook on webhook_deliveries (webhook, seq);
 
@@ -529,7 +535,7 @@ end;
 create trigger webhook_of_job after update of state on jobs
 when new.state in ('succeeded', 'failed', 'cancelled') and old.state in ('queued', 'running') and new.study is null
 begin
-    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, owner, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || lower(hex(randomblob(16))),
@@ -551,7 +557,7 @@ begin
                 )
             )
         ),
-        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
+        webhooks.url, new.owner, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks where webhooks.job = new.seq and webhooks.url <> '';
 end;
 
@@ -560,7 +566,7 @@ end;
 create trigger webhook_of_study after update of finished_at on studies
 when new.finished_at is not null and old.finished_at is null
 begin
-    insert into webhook_deliveries (webhook, id, body, url, host, state, next_at, created_at)
+    insert into webhook_deliveries (webhook, id, body, url, owner, host, state, next_at, created_at)
     select
         webhooks.seq,
         'msg_' || lower(hex(randomblob(16))),
@@ -576,7 +582,7 @@ begin
                 'links', json_object('self', '/v1/studies/' || new.id)
             )
         ),
-        webhooks.url, webhooks.host, 'waiting', new.finished_at, new.finished_at
+        webhooks.url, new.owner, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks where webhooks.study = new.seq and webhooks.url <> '';
 end;
 

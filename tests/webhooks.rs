@@ -678,3 +678,36 @@ async fn the_documented_receiver_verifies() {
         server.stop().await;
     }
 }
+
+/// How long a message to a good host takes beside hosts that hang.
+#[tokio::test]
+async fn hosts_that_hang_hold_up_no_other() {
+    let (secret, data_dir) = (Secret::make().await, DataDir::new());
+    let hosts: Vec<String> = (1..=80).map(|i| format!("127.0.1.{i}")).collect();
+    let server = secret
+        .launch_strict(&data_dir)
+        .env("PACKSTONE_WEBHOOK_ALLOWED_HOST", &format!("127.0.0.1,{}", hosts.join(",")))
+        .start()
+        .await;
+    let client = server.client();
+    // All of them are one listener, which accepts and says nothing.
+    let silent = tokio::net::TcpListener::bind("0.0.0.0:0").await.unwrap();
+    let port = silent.local_addr().unwrap().port();
+    let held = tokio::spawn(async move {
+        let mut held = Vec::new();
+        while let Ok((connection, _)) = silent.accept().await {
+            held.push(connection);
+        }
+    });
+    for (host, seed) in hosts.iter().zip(1..) {
+        client.submit(&with_url(jobs::quick(seed), &json!(format!("http://{host}:{port}/")))).await;
+    }
+    let mut good = Receiver::start("127.0.0.1").await;
+    let job = client.succeed(&with_url(jobs::quick(100), &good.url("/in"))).await;
+    let ended = std::time::Instant::now();
+    good.next().await;
+    webhook_of(&client, id_of(&job), "delivered").await;
+    assert!(ended.elapsed() < std::time::Duration::from_secs(3), "{:?}", ended.elapsed());
+    held.abort();
+    server.stop().await;
+}

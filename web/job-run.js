@@ -1,5 +1,5 @@
 /** A job that waits or runs: its progress as a bar, in words, and the growth of its grains as a chart. */
-import { duration, h, number, percent, replace, text } from "./dom.js";
+import { duration, h, number, percent, replace, text, when } from "./dom.js";
 import { growthChart } from "./growth.js";
 import { announce } from "./shell.js";
 
@@ -49,6 +49,11 @@ export class RunPart {
       this.bar.removeAttribute("value");
       text(this.share, "Queued");
       text(this.rest, "");
+      if (job.waiting) {
+        const until = job.waiting.until ? [", at the latest at ", when(job.waiting.until)] : [];
+        replace(this.words, `It waits: ${job.waiting.detail}. It is tried again when that has ended`, ...until, ".");
+        return;
+      }
       text(
         this.words,
         job.attempt > 1 ? `Attempt ${job.attempt} starts when a worker is free.` : "It starts when a worker is free.",

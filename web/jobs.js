@@ -93,7 +93,35 @@ function pages(query_, page) {
     byId("pages"),
     query_.has("cursor") && h("a", { class: "button", href: to(null) }, "First page"),
     page.next_cursor && h("a", { class: "button", rel: "next", href: to(page.next_cursor) }, "Next page"),
+    page.items.length > 0 && deletion(query_),
   );
+}
+
+/**
+ * A button that deletes the finished jobs of the list, where its filters are those of the deletion.
+ * @param {URLSearchParams} query_
+ */
+function deletion(query_) {
+  const state = query_.get("state");
+  const others = ["name", "method", "study"].some((name) => query_.has(name));
+  if (others || state === "queued" || state === "running" || !(state || query_.has("label"))) return null;
+  const chosen = new URLSearchParams();
+  for (const name of ["state", "label"]) for (const value of query_.getAll(name)) chosen.append(name, value);
+  const remove = async () => {
+    const { deleted: count } = await send("DELETE", `/v1/jobs?${chosen}&dry_run=true`);
+    const jobs = count === 1 ? "1 finished job" : `${number(count)} finished jobs`;
+    if (!count) return announce("No finished job fits these filters; jobs of studies are left to their study.");
+    const words = "They are removed for good, with their results and exports. Jobs of studies stay.";
+    if (!(await confirm(`Delete ${jobs}?`, words, "Delete"))) return;
+    let [deleted, more] = [0, true];
+    while (more) {
+      const answer = await send("DELETE", `/v1/jobs?${chosen}`);
+      [deleted, more] = [deleted + answer.deleted, answer.more];
+    }
+    announce(`Deleted: ${number(deleted)} jobs`);
+  };
+  const act = () => remove().then(watch.now, report);
+  return h("button", { type: "button", class: "quiet", "data-do": "delete-all", onclick: act }, "Delete finished jobs");
 }
 
 /** @param {any} first @returns {import("./rows.js").Row<any>} */
@@ -121,7 +149,8 @@ function makeRow(first) {
     row,
     show(job) {
       const { progress } = job;
-      const now = `${job.updated_at} ${job.name} ${job.state} ${progress?.fraction} ${job.cancel_requested}`;
+      const waits = job.waiting?.detail;
+      const now = `${job.updated_at} ${job.name} ${job.state} ${progress?.fraction} ${job.cancel_requested} ${waits}`;
       if (now === version) return;
       version = now;
       replace(
@@ -140,6 +169,7 @@ function makeRow(first) {
         badge(job.state, job.cancel_requested),
         job.state === "running" && progress && bar(progress),
         job.error && h("div", { class: "hint" }, job.error.title),
+        waits && h("div", { class: "hint" }, `Waits: ${waits}`),
       );
       const { summary } = job.result ?? {};
       replace(grains, summary && number(summary.grains, 1));

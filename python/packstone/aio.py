@@ -32,7 +32,7 @@ from ._resource import NEWS_EVERY_S, PAUSE_S, Changing
 from .client import Client, JobOrder
 from .errors import WaitTimeout
 from .exports import Axis, Export, ExportFormat, ExportState, ExportType, SliceFormat
-from .jobs import Job, State
+from .jobs import FinishedState, Job, State
 from .packings import FileFormat, Packing, PackingPlotKind, Theme
 from .studies import Study, StudyPlotKind, StudyState
 from .svg import Svg
@@ -584,6 +584,18 @@ class AsyncClient:
         )
         async for job in self._threads.each(found):
             yield AsyncJob(self._threads, job)
+
+    async def delete_jobs(
+        self,
+        *,
+        state: FinishedState | None = None,
+        labels: Mapping[str, str] | None = None,
+        before: datetime | str | None = None,
+        dry_run: bool = False,
+    ) -> int:
+        """See :meth:`Client.delete_jobs`."""
+        delete = partial(self.sync.delete_jobs, state=state, labels=labels, before=before, dry_run=dry_run)
+        return await self._threads.call(delete)
 
     async def study(
         self, study: Mapping[str, Any] | None = None, /, *, idempotency_key: str | None = None, **fields: Any

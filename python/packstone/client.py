@@ -15,7 +15,7 @@ from ._listing import ITEMS_PER_PAGE, pages
 from ._native import __version__
 from ._requests import job_body, rfc3339, study_body
 from ._transport import Transport, document
-from .jobs import Job, State
+from .jobs import FinishedState, Job, State
 from .studies import Study, StudyState
 
 if TYPE_CHECKING:
@@ -135,6 +135,32 @@ class Client:
         }
         for item in pages(self._transport, "/v1/jobs", params, page_size):
             yield Job(self._transport, item)
+
+    def delete_jobs(
+        self,
+        *,
+        state: FinishedState | None = None,
+        labels: Mapping[str, str] | None = None,
+        before: datetime | str | None = None,
+        dry_run: bool = False,
+    ) -> int:
+        """Deletes the finished jobs that match all arguments, with their results, and returns how many those were.
+
+        At least one of `state`, `labels` and `before` must be given; `before` is the time before which they ended.
+        Jobs of studies are left to their study. With `dry_run` the jobs are only counted.
+        """
+        params = {
+            "state": state,
+            "label": _label_params(labels),
+            "before": rfc3339(before),
+            "dry_run": dry_run,
+        }
+        deleted = 0
+        while True:
+            answer = document(self._transport.request("DELETE", "/v1/jobs", params=params))
+            deleted += int(answer["deleted"])
+            if not answer["more"]:
+                return deleted
 
     def study(
         self,

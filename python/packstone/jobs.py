@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 
 State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
+FinishedState = Literal["succeeded", "failed", "cancelled"]
 
 
 class Job(Resource):

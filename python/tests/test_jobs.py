@@ -160,6 +160,21 @@ def test_listings_are_filtered_and_sorted(client: packstone.Client) -> None:
     assert found(method="edmd") == []
 
 
+def test_finished_jobs_are_deleted_by_a_filter(client: packstone.Client) -> None:
+    labels = {"series": "deleted together"}
+    jobs = [client.submit(mixes.quick(seed), labels=labels).wait() for seed in range(2)]
+    assert client.delete_jobs(labels=labels, dry_run=True) == 2
+    assert client.delete_jobs(labels=labels, state="failed") == 0
+    before = datetime(2000, 1, 1, tzinfo=timezone.utc)
+    assert client.delete_jobs(labels=labels, before=before) == 0
+    assert client.delete_jobs(labels=labels, state="succeeded") == 2
+    with pytest.raises(packstone.PackstoneError) as gone:
+        client.job(jobs[0].id)
+    assert gone.value.kind == "not-found"
+    with pytest.raises(packstone.PackstoneError, match="at least one of state, label and before"):
+        client.delete_jobs()
+
+
 def test_a_job_is_changed_while_it_waits(client: packstone.Client) -> None:
     job = client.submit(mixes.endless(), labels={"series": "a", "lab": "b"})
     later = datetime(2100, 1, 1, tzinfo=timezone.utc)

@@ -12,6 +12,7 @@ use packstone_engine::Limits;
 use crate::accounts::{Quotas, read_rate};
 use crate::base_path::BasePath;
 use crate::blobs::Place;
+use crate::jobs::request::MAX_TIMEOUT_S;
 use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
 use crate::memory;
@@ -28,6 +29,10 @@ pub(crate) const DEFAULT_DERIVED_CACHE_BYTES: u64 = 10_000_000_000;
 pub(crate) const DEFAULT_MAX_BODY_BYTES: u64 = 16 << 20;
 /// Work of this long may be lost to a crash, in s.
 pub(crate) const DEFAULT_CHECKPOINT_EVERY_S: f64 = 30.0;
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
+/// Most days after which finished jobs are removed.
+const MAX_DAYS: f64 = 36_500.0;
 /// A lease outlives a few missed renewals, and a short suspension of the machine.
 const DEFAULT_LEASE_S: f64 = 60.0;
 
@@ -173,6 +178,13 @@ pub(crate) struct ServeOptions {
     /// Days after which files in the folder `quarantine` are removed
     #[arg(long, env = "PACKSTONE_QUARANTINE_DAYS", default_value_t = 7)]
     pub(crate) quarantine_days: u32,
+    /// Days after which finished jobs and studies without `expires_at` are removed with their results [default: never]
+    #[arg(long, env = "PACKSTONE_EXPIRE_AFTER_DAYS", value_name = "DAYS", value_parser = days)]
+    pub(crate) expire_after_days: Option<f64>,
+    /// Most seconds of one run of a job, here and on other machines; the `timeout_s` of a job may be shorter [default:
+    /// no bound]
+    #[arg(long, env = "PACKSTONE_MAX_RUN_S", value_name = "SECONDS", value_parser = run_seconds)]
+    pub(crate) max_run_s: Option<f64>,
     /// Seconds between two sweeps for expired jobs and files left over
     #[arg(long, env = "PACKSTONE_SWEEP_INTERVAL_S", default_value_t = 300.0, value_parser = seconds)]
     pub(crate) sweep_interval_s: f64,
@@ -261,6 +273,7 @@ impl ServeOptions {
         SweepRules {
             quarantine_days: self.quarantine_days,
             least_age: Duration::from_secs_f64(self.least_blob_age_s),
+            expire_after: self.expire_after_days.map(|days| Duration::from_secs_f64(days * DAY_S)),
         }
     }
 
@@ -351,6 +364,20 @@ fn lease(text: &str) -> Result<f64, String> {
     }
 }
 
+fn days(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(days) if days > 0.0 && days <= MAX_DAYS => Ok(days),
+        _ => Err(format!("must be a number of days above 0 and at most {MAX_DAYS}")),
+    }
+}
+
+fn run_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(s) if s > 0.0 && s <= MAX_TIMEOUT_S => Ok(s),
+        _ => Err(format!("must be a number of seconds above 0 and at most {MAX_TIMEOUT_S}")),
+    }
+}
+
 fn seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(s) if (0.05..=86_400.0).contains(&s) => Ok(s),
@@ -387,6 +414,10 @@ mod tests {
 
     #[test]
     fn intervals_are_bounded() {
+        assert_eq!((days("0.5"), run_seconds("0.5")), (Ok(0.5), Ok(0.5)));
+        for bad in ["0", "-1", "NaN", "inf", "soon", "1e9"] {
+            assert!(days(bad).is_err() && run_seconds(bad).is_err(), "{bad}");
+        }
         assert_eq!(seconds("0.5"), Ok(0.5));
         for bad in ["0", "-1", "NaN", "inf", "soon", "100000"] {
             assert!(seconds(bad).is_err(), "{bad}");

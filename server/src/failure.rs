@@ -81,8 +81,8 @@ impl Serialize for FailureCode {
 }
 
 impl FailureCode {
-    /// Whether another attempt with the same input can succeed: after a full disk or a crash it can, and after a damaged
-    /// result, which is restored or computed again; after a failure that options or packing decide it cannot.
+    /// Whether another attempt with the same input can succeed: after a full disk or a crash it can, and after a
+    /// damaged result, which is restored or computed again; after a failure that options or packing decide it cannot.
     pub(crate) fn is_transient(self) -> bool {
         matches!(
             self,
@@ -211,7 +211,8 @@ impl Failure {
     pub(crate) fn timed_out(timeout_s: f64, fraction_done: f64) -> Self {
         let done = 100.0 * fraction_done;
         let detail = format!(
-            "the job ran longer than its timeout_s of {timeout_s} s; about {done:.0} % of the work was done"
+            "the run took longer than the {timeout_s} s that it may (timeout_s of the job, or --max-run-s of the server); \
+             about {done:.0} % of the work was done"
         );
         let facts = FailureFacts { fraction_done: Some(fraction_done), ..FailureFacts::default() };
         Self::new(FailureCode::TimedOut, detail).with_facts(facts)

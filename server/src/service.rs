@@ -31,6 +31,7 @@ use crate::metrics::Metrics;
 use crate::places;
 use crate::storage::Storage;
 use crate::tasks;
+use crate::webhooks;
 use crate::webhooks::sender::WebhookSender;
 use crate::webhooks::signature::{SecretsError, SecretsFile};
 use crate::workers::executor::Executor;
@@ -201,14 +202,15 @@ impl Service {
             tracing::info!(recovered, "models that were being made were taken back");
         }
         let shutdown = CancellationToken::new();
+        let webhooks = if webhook_secrets.is_some() { webhooks::AT_ONCE } else { 0 };
         let open_files =
-            options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers));
+            options.max_downloads + 8 * (options.workers() + usize::from(options.export_workers)) + webhooks;
         options.max_connections = descriptors::provide(options.max_connections, open_files)?;
         let connections = Arc::new(Semaphore::new(options.max_connections));
         let storage =
             Storage::new(store.clone(), disk.clone(), options.max_stored_bytes, Arc::clone(&accounts));
         let limits = options.limits();
-        let here = Here { store, storage, limits };
+        let here = Here { store, storage, limits, max_run_s: options.max_run_s };
         let source = Source::Here(here.clone());
         let slots = Slots::new(options.workers());
         let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics };
@@ -369,7 +371,8 @@ async fn watch_room(here: Here, shutdown: CancellationToken) {
     }
 }
 
-/// Wakes an idle worker for a job that it was not told of, until the server stops.
+/// Wakes an idle worker for a job that it was not told of, and cancels waiting jobs that have expired, until the server
+/// stops.
 async fn look_for_jobs(store: Store, shutdown: CancellationToken) {
     loop {
         tokio::select! {
@@ -378,6 +381,9 @@ async fn look_for_jobs(store: Store, shutdown: CancellationToken) {
         }
         if let Err(error) = store.look_for_jobs().await {
             tracing::warn!(%error, "the queue could not be read for idle workers");
+        }
+        if let Err(error) = sweeper::cancel_expired(&store).await {
+            tracing::warn!(%error, "waiting jobs that have expired were not cancelled");
         }
     }
 }

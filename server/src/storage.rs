@@ -6,12 +6,15 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use packstone_engine::export::tables::Column;
+use packstone_engine::request::Mix;
+
 use crate::accounts::Accounts;
 use crate::disk::Disk;
+use crate::jobs::JobId;
 use crate::jobs::store::{Store, StoreError, StoredKind};
+use crate::jobs::waiting::{WaitReason, WaitsFor};
 
-/// Bytes of a stored grain: four 64-bit numbers.
-const GRAIN_BYTES: f64 = 32.0;
 /// Bytes of a stored result besides its grains, and of its rows in the database; more than most need.
 const HEAD_BYTES: u64 = 16 << 10;
 
@@ -67,9 +70,10 @@ impl Storage {
         Self { store, disk, max_bytes, accounts, waiting: Arc::default() }
     }
 
-    /// Bytes that a result of so many grains takes.
-    pub(crate) fn bytes_of_result(grains: f64) -> u64 {
-        (grains * GRAIN_BYTES) as u64 + HEAD_BYTES
+    /// Bytes that a result of so many grains of a mix takes.
+    pub(crate) fn bytes_of_result(grains: f64, mix: &Mix) -> u64 {
+        let columns = Column::of(mix.grain_kind(), !mix.aggregates.is_empty());
+        (grains * (columns.len() * size_of::<f64>()) as f64) as u64 + HEAD_BYTES
     }
 
     /// Bytes that `owner` may store, and what leaves no more.
@@ -104,6 +108,20 @@ impl Storage {
             Ok(_) => self.note_waiting(owner.into(), bytes),
             Err(error) => tracing::warn!(%error, "the room is not known: a job waits until its pause ends"),
         }
+    }
+
+    /// Why a job waits whose result of so many bytes had no room.
+    pub(crate) async fn why_it_waits(&self, job: JobId, bytes: u64) -> WaitReason {
+        let room = async {
+            let holder = self.store.holder_of_job(job).await?.ok_or(StoreError::NoJob)?;
+            self.room(&holder.owner).await
+        };
+        let detail = match room.await.map(|room| fits(bytes, room)) {
+            Ok(Err(no_room)) => format!("there is no room for its result: {no_room}"),
+            // What kept it from being stored is not counted here, or has gone meanwhile.
+            Ok(Ok(())) | Err(_) => format!("its result of about {bytes} bytes could not be stored"),
+        };
+        WaitReason { waits_for: WaitsFor::Storage, detail }
     }
 
     fn note_waiting(&self, owner: String, bytes: u64) {
@@ -202,7 +220,7 @@ mod tests {
         };
         store.submit(new).await.unwrap();
         let lease = store.claim().await.unwrap().unwrap().lease;
-        assert_eq!(store.requeue_after_fault(lease).await.unwrap(), "");
+        assert_eq!(store.requeue_after_fault(lease, WaitReason::machine()).await.unwrap(), "");
         assert!(store.claim().await.unwrap().is_none(), "it waits");
     }
 
@@ -233,7 +251,7 @@ mod tests {
         storage.start_what_fits().await.unwrap();
         let lease = store.claim().await.unwrap().unwrap().lease;
         // What was noted is forgotten.
-        store.requeue_after_fault(lease).await.unwrap();
+        store.requeue_after_fault(lease, WaitReason::machine()).await.unwrap();
         storage.start_what_fits().await.unwrap();
         assert!(store.claim().await.unwrap().is_none());
     }
@@ -246,6 +264,21 @@ mod tests {
             refused.to_string(),
             "it needs about 11 bytes, and 10 are left of the 40 that results and exports of one owner may take"
         );
-        assert_eq!(Storage::bytes_of_result(1e6), 32_000_000 + HEAD_BYTES);
+    }
+
+    #[test]
+    fn a_result_has_the_columns_of_its_grains() {
+        let ellipsoid =
+            json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6}});
+        for (shape, columns) in [(json!({"type": "sphere"}), 4), (ellipsoid, 12)] {
+            let request = json!({
+                "specimen": {"type": "box", "size_mm": [50, 50, 50]},
+                "mix": {
+                    "grading": {"type": "monodisperse", "diameter_mm": 8}, "volume_fraction": 0.2, "shape": shape
+                }
+            });
+            let mix = JobRequest::read(&request, 1, None).unwrap().packing().mix;
+            assert_eq!(Storage::bytes_of_result(1e6, &mix), columns * 8_000_000 + HEAD_BYTES);
+        }
     }
 }

@@ -189,6 +189,17 @@ impl Client {
         value.unwrap_or_else(|| panic!("no {name} in\n{text}")).parse().unwrap()
     }
 
+    /// Waits until nothing is at an address.
+    pub(crate) async fn gone(&self, path: &str) {
+        patiently(path, async {
+            let mut look_again = tokio::time::interval(Duration::from_millis(50));
+            while self.get(path).send().await.status != StatusCode::NOT_FOUND {
+                look_again.tick().await;
+            }
+        })
+        .await;
+    }
+
     /// Waits until `reached` holds for a metric.
     pub(crate) async fn metric_when(&self, name: &str, reached: impl Fn(f64) -> bool) {
         patiently(name, async {

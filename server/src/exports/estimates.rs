@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use crate::jobs::JobRequest;
 use crate::planning::{Planner, Proposal};
+use crate::storage::Storage;
 
 /// What a job amounts to, with the exports that its `postprocess` names.
 #[derive(Debug, Serialize)]
@@ -55,8 +56,13 @@ pub(crate) fn of_stored(
     export.estimate_from_plan(&planner.with_templates(&request), &plan).ok()
 }
 
+/// Bytes that a job stores by its plan: its result, and the exports that its `postprocess` names.
+pub(crate) fn stored_bytes(job: &JobRequest, plan: &Plan, exports: &[PlannedExport]) -> u64 {
+    Storage::bytes_of_result(plan.grains, &job.mix).saturating_add(bytes(exports))
+}
+
 /// Sum of the estimated file lengths, in bytes.
-pub(crate) fn bytes(planned: &[PlannedExport]) -> u64 {
+fn bytes(planned: &[PlannedExport]) -> u64 {
     planned.iter().fold(0, |sum, export| sum.saturating_add(export.estimate.bytes))
 }
 

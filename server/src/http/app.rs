@@ -72,6 +72,10 @@ pub(crate) struct Shared {
     pub(crate) limits: Limits,
     pub(crate) max_body_bytes: u64,
     pub(crate) max_queued: u64,
+    /// Longest time of a run, whatever the request of the job allows.
+    pub(crate) max_run_s: Option<f64>,
+    /// Days after which finished jobs and studies without `expires_at` are removed.
+    pub(crate) expire_after_days: Option<f64>,
     pub(crate) workers: usize,
     /// The slots of this server's own workers.
     pub(crate) slots: Slots,
@@ -157,6 +161,8 @@ impl App {
                 limits: options.limits(),
                 max_body_bytes: options.max_body_bytes,
                 max_queued: options.max_queued,
+                max_run_s: options.max_run_s,
+                expire_after_days: options.expire_after_days,
                 workers: options.workers(),
                 slots: packings.slots.clone(),
                 connections,

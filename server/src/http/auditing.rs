@@ -23,6 +23,7 @@ fn action(method: &Method, route: &str) -> Option<String> {
         ("DELETE", session::ROUTE) => "end_session",
         ("POST", "/v1/jobs") => "submit_job",
         ("PATCH", "/v1/jobs/{id}") => "patch_job",
+        ("DELETE", "/v1/jobs") => "delete_jobs",
         ("DELETE", "/v1/jobs/{id}") => "delete_job",
         ("POST", "/v1/jobs/{id}/cancel") => "cancel_job",
         ("POST", "/v1/jobs/{id}/retry") => "retry_job",

@@ -2,11 +2,11 @@
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::http::app::App;
+use crate::jobs::moments;
 use crate::problem::Problem;
 
 /// Items of a list that are written at once.
@@ -81,7 +81,7 @@ pub(crate) fn set(response: &mut Response, name: header::HeaderName, value: &str
 
 /// A moment of the store as clients see it.
 pub(crate) fn time(us: i64) -> String {
-    Timestamp::from_microsecond(us).unwrap_or_default().to_string()
+    moments::text(us)
 }
 
 /// A name of the store, in which an empty one stands for none.

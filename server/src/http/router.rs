@@ -48,6 +48,7 @@ macro_rules! routes {
 routes! {
     post "/v1/jobs" => jobs::submit: submit,
     get "/v1/jobs" => jobs::list: list,
+    delete "/v1/jobs" => jobs::delete_many: delete,
     get "/v1/jobs/{id}" => jobs::get: get,
     delete "/v1/jobs/{id}" => jobs::actions: delete,
     patch "/v1/jobs/{id}" => jobs::patch: patch,

@@ -4,7 +4,7 @@ use crate::http::app::App;
 use crate::problem::{Kind, Problem};
 use crate::storage::fits;
 
-/// Refuses work whose result of about so many bytes would not fit.
+/// Refuses work whose results of about so many bytes in all would not fit.
 ///
 /// # Errors
 /// `insufficient-storage` with `needed_bytes` and `free_bytes`, or the store's.

@@ -6,12 +6,14 @@
 //! and run them, [`sweeper`] clears up behind them. Nothing here knows HTTP.
 
 pub(crate) mod journal;
+pub(crate) mod moments;
 pub(crate) mod notifications;
 pub(crate) mod request;
 #[cfg(test)]
 pub(crate) mod schema;
 pub(crate) mod store;
 pub(crate) mod sweeper;
+pub(crate) mod waiting;
 
 use std::collections::BTreeMap;
 
@@ -23,6 +25,7 @@ use crate::ids::StudyId;
 
 pub(crate) use crate::ids::JobId;
 pub(crate) use request::JobRequest;
+pub(crate) use waiting::WaitReason;
 
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -149,6 +152,10 @@ pub(crate) struct JobRecord {
     pub(crate) artifact: Option<ArtifactRecord>,
     /// Its place in a study, if it is part of one.
     pub(crate) study: Option<StudyPlace>,
+    /// A job that waits is not started before this.
+    pub(crate) not_before: Option<i64>,
+    /// Why it is not started before that.
+    pub(crate) waits_for: Option<WaitReason>,
     /// Whose it is; empty where the server asked for no key.
     pub(crate) owner: String,
     /// Name of the API key that submitted it; empty where the server asked for none.

@@ -16,6 +16,7 @@ use serde_json::Value;
 
 use crate::exports::MAX_POSTPROCESS;
 use crate::failure::Failure;
+use crate::jobs::moments;
 use crate::webhooks::WebhookUrl;
 
 /// Longest name of a job, in characters.
@@ -190,7 +191,7 @@ impl JobRequest {
 
     /// `expires_at` in microseconds since the Unix epoch.
     pub(crate) fn expires_at_us(&self) -> Option<i64> {
-        self.expires_at.as_deref().and_then(time_us)
+        self.expires_at.as_deref().and_then(moments::read)
     }
 
     /// The method that it names, as the list of jobs knows it.
@@ -285,7 +286,7 @@ impl JobPatch {
             patch.clear_labels = is_null("labels");
             patch.expires_at = match object.optional("expires_at") {
                 Some(at) => read_expiry(&at, Some(now))
-                    .and_then(|time| time_us(&time))
+                    .and_then(|time| moments::read(&time))
                     .map_or(Change::Keep, Change::Set),
                 None if is_null("expires_at") => Change::Remove,
                 None => Change::Keep,
@@ -313,10 +314,6 @@ pub(crate) fn read_webhook_change(patch: &Value, object: &mut Object<'_>) -> Cha
 /// Whether a document leaves a field out: always.
 fn never_shown<T>(_: &T) -> bool {
     true
-}
-
-fn time_us(time: &str) -> Option<i64> {
-    time.parse::<Timestamp>().ok().map(Timestamp::as_microsecond)
 }
 
 fn read_label_patch(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<String, Option<String>>> {
@@ -470,17 +467,17 @@ fn kind_of(value: &Value) -> String {
 
 fn read_expiry(at: &At<'_>, now: Option<Timestamp>) -> Option<String> {
     let text = at.string()?;
-    // Jiff reads a space for the T too; RFC 3339 as OpenAPI's date-time means it does not.
-    let time = text.parse::<Timestamp>().ok().filter(|_| text.as_bytes().get(10) == Some(&b'T'));
-    let Some(time) = time else {
-        at.fault(format!("{:?} is not an RFC 3339 time, as 2030-01-31T12:00:00Z", shortened(text)));
+    let Some(us) = moments::read(text) else {
+        let detail = "is not an RFC 3339 time up to the year 9999, as 2030-01-31T12:00:00Z";
+        at.fault(format!("{:?} {detail}", shortened(text)));
         return None;
     };
-    if let Some(now) = now.filter(|now| time <= *now) {
+    let time = moments::text(us);
+    if let Some(now) = now.filter(|now| us <= now.as_microsecond()) {
         at.fault(format!("{time} is out of range: must be later than now, {now}"));
         return None;
     }
-    Some(time.to_string())
+    Some(time)
 }
 
 fn shortened(text: &str) -> String {
@@ -557,7 +554,7 @@ mod tests {
             ),
             (
                 json!({"expires_at": "tomorrow"}),
-                "/expires_at: \"tomorrow\" is not an RFC 3339 time, as 2030-01-31T12:00:00Z",
+                "/expires_at: \"tomorrow\" is not an RFC 3339 time up to the year 9999, as 2030-01-31T12:00:00Z",
             ),
             (
                 json!({"expires_at": "2026-05-31T23:59:59Z"}),

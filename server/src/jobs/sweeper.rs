@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 use jiff::tz::TimeZone;
-use tokio::time::{MissedTickBehavior, interval};
+use tokio::time::{MissedTickBehavior, interval, sleep};
 use tokio_util::sync::CancellationToken;
 
 use super::JobId;
@@ -25,6 +25,9 @@ use crate::tasks;
 /// Files that deletions have left behind, looked at together.
 const REMOVALS_AT_ONCE: u32 = 1000;
 
+/// Pause between two transactions that remove many jobs, for the writes of clients.
+pub(crate) const BATCH_PAUSE: Duration = Duration::from_millis(20);
+
 /// What is swept.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SweepRules {
@@ -32,6 +35,8 @@ pub(crate) struct SweepRules {
     pub(crate) quarantine_days: u32,
     /// Age of the files that are looked at where several processes write.
     pub(crate) least_age: Duration,
+    /// Time after the end of jobs and studies without `expires_at` at which they are removed, where there is one.
+    pub(crate) expire_after: Option<Duration>,
 }
 
 /// What a sweep found.
@@ -146,9 +151,12 @@ pub(crate) async fn sweep(
 ) -> Result<Swept, SweepError> {
     let reclaimed = take_back_expired(store, checkpoints).await?;
     let mut swept = Swept { reclaimed, ..Swept::default() };
-    while let Some(removed) = store.remove_expired_study().await? {
+    swept.expired += cancel_expired(store).await?;
+    let finished_before = rules.expire_after.map(|after| store.time_ago(after));
+    while let Some(removed) = store.remove_expired_study(finished_before).await? {
         swept.expired += 1;
         remove_all(artifacts, removed).await?;
+        sleep(BATCH_PAUSE).await;
     }
     loop {
         let removed = store.remove_expired().await?;
@@ -157,6 +165,16 @@ pub(crate) async fn sweep(
         }
         swept.expired += removed.len();
         remove_all(artifacts, removed).await?;
+        sleep(BATCH_PAUSE).await;
+    }
+    if let Some(finished_before) = finished_before {
+        let mut after = (0, 0);
+        while let (removed, Some(last)) = store.remove_old(finished_before, after).await? {
+            after = last;
+            swept.expired += removed.len();
+            remove_all(artifacts, removed).await?;
+            sleep(BATCH_PAUSE).await;
+        }
     }
     swept.files += sweep_files(store, artifacts, rules).await?;
     swept.files += sweep_checkpoints(store, checkpoints).await?;
@@ -164,9 +182,31 @@ pub(crate) async fn sweep(
     Ok(swept)
 }
 
+/// Cancels waiting jobs that have expired; how many they were. No claim takes them, so that none of them starts.
+///
+/// # Errors
+/// The store's.
+pub(crate) async fn cancel_expired(store: &Store) -> Result<usize, StoreError> {
+    let mut cancelled = 0;
+    loop {
+        let jobs = store.cancel_expired().await?;
+        if jobs == 0 {
+            if cancelled > 0 {
+                tracing::info!(
+                    jobs = cancelled,
+                    "jobs have expired before they were started; they are cancelled"
+                );
+            }
+            return Ok(cancelled);
+        }
+        cancelled += jobs;
+        sleep(BATCH_PAUSE).await;
+    }
+}
+
 /// Removes what was left over, and moves what is not known to the quarantine; how many files that were.
 async fn sweep_files(store: &Store, artifacts: &Artifacts, rules: SweepRules) -> Result<usize, SweepError> {
-    let SweepRules { quarantine_days, least_age } = rules;
+    let SweepRules { quarantine_days, least_age, .. } = rules;
     let settled = on(artifacts, move |artifacts| artifacts.settled(least_age)).await?;
     let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
     let (mut removed, mut unknown) = (Vec::new(), Vec::new());
@@ -289,10 +329,13 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::jobs::moments;
+    use crate::jobs::request::{Change, JobPatch};
     use crate::jobs::store::{NewJob, StoreLimits, Submitted};
     use crate::jobs::{ArtifactRecord, JobProgress, JobRequest};
 
-    const RULES: SweepRules = SweepRules { quarantine_days: 7, least_age: Duration::from_hours(1) };
+    const RULES: SweepRules =
+        SweepRules { quarantine_days: 7, least_age: Duration::from_hours(1), expire_after: None };
 
     /// What a sweep works on, in a folder.
     async fn opened(folder: &Path) -> (Store, Artifacts, Checkpoints) {
@@ -409,7 +452,7 @@ mod tests {
     }
 
     async fn finish(store: &Store, path: &str, expires_at: &str) {
-        submit(store, expires_at).await;
+        let id = submit(store, "2999-01-01T00:00:00Z").await;
         let lease = store.claim().await.unwrap().unwrap().lease;
         let artifact = ArtifactRecord {
             path: path.into(),
@@ -430,5 +473,7 @@ mod tests {
             growth: None,
         };
         store.succeed(lease, artifact, progress, crate::studies::Facts::default(), Vec::new()).await.unwrap();
+        let expires_at = Change::Set(moments::read(expires_at).unwrap());
+        store.patch(id, JobPatch { expires_at, ..JobPatch::default() }).await.unwrap();
     }
 }

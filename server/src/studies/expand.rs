@@ -13,6 +13,7 @@ use serde_json::Value;
 use super::request::{Axis, Points, StudyRequest, Values};
 use super::seeds::Seeds;
 use super::{Point, Study};
+use crate::exports::estimates::{planned, stored_bytes};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobRequest;
 use crate::planning::{Planner, Proposal};
@@ -120,14 +121,30 @@ fn read_point(
     if job.webhook_url.is_some() {
         return Err(Failure::invalid(vec![FieldError::new("/webhook_url", NONE_OF_JOBS)]));
     }
-    let plan = conditions.planner.plan(&job.packing(), conditions.limits, Proposal::None)?;
+    let packing = job.packing();
+    let plan = conditions.planner.plan(&packing, conditions.limits, Proposal::None)?;
+    let exports = match job.exports().next() {
+        Some(_) => planned(job.exports(), &conditions.planner.with_templates(&packing), &plan),
+        None => Vec::new(),
+    };
+    let stored_bytes = stored_bytes(&job, &plan, &exports);
     job.check_postprocess(conditions.limits)?;
     // The first may be the job's own; where there are others, it names none.
     let seeds = std::iter::once(job.seed).chain((1..replicates).map(|r| seeds.replicate(r))).collect();
     let Plan {
         estimated_time_s: forecast_s, keeps_checkpoints, most_threads, memory_bytes, warnings, ..
     } = plan;
-    Ok(Point { values, job, seeds, warnings, forecast_s, keeps_checkpoints, most_threads, memory_bytes })
+    Ok(Point {
+        values,
+        job,
+        seeds,
+        warnings,
+        forecast_s,
+        keeps_checkpoints,
+        most_threads,
+        memory_bytes,
+        stored_bytes,
+    })
 }
 
 /// The axes of a template.

@@ -84,6 +84,8 @@ pub(crate) struct Point {
     pub(crate) most_threads: u32,
     /// Memory that the plan expects of one of its jobs.
     pub(crate) memory_bytes: u64,
+    /// Bytes that one of them stores by the plan.
+    pub(crate) stored_bytes: u64,
 }
 
 impl Point {
@@ -98,6 +100,13 @@ impl Study {
     /// How many jobs there are.
     pub(crate) fn jobs(&self) -> usize {
         self.points.len() * self.replicates
+    }
+
+    /// Bytes that all jobs store by their plans.
+    pub(crate) fn stored_bytes(&self) -> u64 {
+        let of_a_replicate =
+            self.points.iter().fold(0_u64, |sum, point| sum.saturating_add(point.stored_bytes));
+        of_a_replicate.saturating_mul(self.replicates as u64)
     }
 
     /// Point and replicate of every job in the order in which they are to run: the first replicate of all

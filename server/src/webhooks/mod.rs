@@ -5,10 +5,14 @@
 //! <https://www.standardwebhooks.com>), to addresses that [`address`] does not refuse.
 
 pub(crate) mod address;
+mod on_the_way;
 pub(crate) mod rules;
 pub(crate) mod sender;
 pub(crate) mod signature;
 mod url;
+
+/// Messages on their way at once, each of which has a connection.
+pub(crate) const AT_ONCE: usize = on_the_way::AT_ONCE;
 
 /// Why a URL for a job of a study is refused.
 pub(crate) const NONE_OF_JOBS: &str =

@@ -1,34 +1,29 @@
-//! The task that sends webhooks: what is due, a few at once, one at a time to each host.
+//! The task that sends webhooks: what is due, many at once, one at a time of each owner to each host.
 //!
 //! A message is delivered at least once: an attempt is recorded after it was made. A receiver that is slow or dead
-//! holds up its own messages only, because every host has a connection of its own and every attempt a limit of time.
+//! holds up its own messages only: every message has a connection of its own, every attempt a limit of time, and
+//! [`OnTheWay`] chooses fairly which go next.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
 use hyper::{Request, StatusCode, header};
 use jiff::Timestamp;
-use tokio::task::{Id, JoinSet};
-use tokio::time::{sleep, timeout};
+use tokio::task::{Id, JoinError};
+use tokio::time::{Instant, sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 
+use super::on_the_way::{ATTEMPT, LEAST_ATTEMPT, OnTheWay};
 use super::signature::SecretsFile;
 use super::{WebhookRules, WebhookUrl};
 use crate::base_path::{self, BasePath};
 use crate::http_client::ClientError;
 use crate::jobs::store::{Attempt, Delivery, Store, StoreError};
 use crate::metrics::Metrics;
-use crate::tasks;
+use crate::tasks::{self, Task};
 
-/// Messages on their way at once, each to another host.
-const AT_ONCE: usize = 16;
-/// Of these, messages that were sent before: receivers that are down leave room for others.
-const REPEATS_AT_ONCE: usize = 8;
-/// Time for an attempt: resolution of the name, connection and answer.
-const ATTEMPT: Duration = Duration::from_secs(10);
-/// Longest time that an attempt waits for the file of secrets.
+/// Longest time that messages wait for the file of secrets.
 const READ_SECRETS: Duration = Duration::from_secs(1);
 /// Addresses of a host that are tried in one attempt.
 const ADDRESSES: usize = 3;
@@ -41,7 +36,9 @@ const JITTER: f64 = 0.2;
 /// A pause after a fault of the store.
 const STORE_PAUSE: Duration = Duration::from_secs(5);
 /// The store is asked this often at least: the clock of the machine may be set.
-const LOOK_EVERY: Duration = Duration::from_mins(1);
+const LOOK_EVERY: Duration = Duration::from_secs(2);
+/// Shortest time between two questions to the store, and how many times as long as the last question took.
+const QUESTION_PAUSE: (Duration, u32) = (Duration::from_millis(20), 10);
 /// Where another server of the same database sends: time between two looks whether it still does.
 const LOOK_FOR_LEAD: Duration = Duration::from_secs(1);
 
@@ -55,30 +52,6 @@ pub(crate) struct WebhookSender {
     pub(crate) first_pause: Duration,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) shutdown: CancellationToken,
-}
-
-/// The messages on their way.
-#[derive(Default)]
-struct OnTheWay {
-    tasks: JoinSet<()>,
-    /// The host of each, and whether the message was sent before.
-    hosts: HashMap<Id, (String, bool)>,
-}
-
-impl OnTheWay {
-    fn busy(&self) -> Vec<String> {
-        self.hosts.values().map(|(host, _)| host.clone()).collect()
-    }
-
-    /// How many more of those that were sent before, or of the others, may be on their way.
-    fn room(&self, sent_before: bool) -> usize {
-        let room = AT_ONCE.saturating_sub(self.hosts.len());
-        if !sent_before {
-            return room;
-        }
-        let repeats = self.hosts.values().filter(|(_, sent_before)| *sent_before).count();
-        REPEATS_AT_ONCE.saturating_sub(repeats).min(room)
-    }
 }
 
 /// Why a message has not been accepted.
@@ -97,6 +70,7 @@ impl WebhookSender {
     pub(crate) async fn run(self) {
         let sender = Arc::new(self);
         let mut on_the_way = OnTheWay::default();
+        let mut looking = None;
         loop {
             if !sender.store.is_leader() {
                 // Another server sends them, or this one is about to.
@@ -105,54 +79,64 @@ impl WebhookSender {
                     () = sender.shutdown.cancelled() => return,
                 }
             }
-            let pause = sender.send_due(&mut on_the_way).await.unwrap_or_else(|error| {
+            let began = Instant::now();
+            let pause = sender.send_due(&mut on_the_way, &mut looking).await.unwrap_or_else(|error| {
                 tracing::error!(%error, "the webhooks that are due could not be read");
                 STORE_PAUSE
             });
+            // A store with many receivers is not asked once for each attempt that ends.
+            let ask_again = Instant::now() + QUESTION_PAUSE.0.max(began.elapsed() * QUESTION_PAUSE.1);
+            let pause = sleep_until(ask_again.max(Instant::now() + pause));
             tokio::select! {
-                Some(ended) = on_the_way.tasks.join_next_with_id() => {
-                    let id = match ended {
-                        Ok((id, ())) => id,
-                        Err(error) => {
-                            tracing::error!(%error, "an attempt to send a webhook ended by a defect of this program");
-                            error.id()
-                        }
-                    };
-                    on_the_way.hosts.remove(&id);
-                }
-                () = sleep(pause) => {}
+                Some(ended) = on_the_way.tasks.join_next_with_id() => on_the_way.ended(attempt_of(ended)),
+                () = pause => {}
                 () = sender.store.webhooks_notified() => {}
                 () = sender.shutdown.cancelled() => return,
             }
+            tokio::select! {
+                () = sleep_until(ask_again) => {}
+                () = sender.shutdown.cancelled() => return,
+            }
+            while let Some(ended) = on_the_way.tasks.try_join_next_with_id() {
+                on_the_way.ended(attempt_of(ended));
+            }
+        }
+    }
+
+    /// Looks at the file of secrets, one look at a time: a disk that does not answer takes one thread.
+    async fn look_at_secrets(&self, looking: &mut Option<Task<()>>) {
+        let look = looking.get_or_insert_with(|| {
+            let secrets = Arc::clone(&self.secrets);
+            tasks::blocking(move || secrets.look())
+        });
+        if timeout(READ_SECRETS, look).await.is_ok() {
+            *looking = None;
         }
     }
 
     /// Starts what is due, and tells the time until there may be more.
-    async fn send_due(self: &Arc<Self>, on_the_way: &mut OnTheWay) -> Result<Duration, StoreError> {
-        for sent_before in [false, true] {
-            let room = on_the_way.room(sent_before);
-            if room == 0 {
-                continue;
-            }
-            for delivery in self.store.due_deliveries(&on_the_way.busy(), sent_before, room).await? {
-                let (sender, what) = (Arc::clone(self), (delivery.host.clone(), sent_before));
-                let attempt: tasks::Boxed<()> = Box::pin(async move { sender.deliver(&delivery).await });
-                on_the_way.hosts.insert(on_the_way.tasks.spawn(attempt).id(), what);
-            }
+    async fn send_due(
+        self: &Arc<Self>,
+        on_the_way: &mut OnTheWay,
+        looking: &mut Option<Task<()>>,
+    ) -> Result<Duration, StoreError> {
+        let choice = on_the_way.choose(self.store.waiting_by_receiver().await?, Instant::now());
+        if !choice.go.is_empty() {
+            // A changed secret counts for the next message, unless the disk of its file does not answer.
+            self.look_at_secrets(looking).await;
         }
-        let mut pause = LOOK_EVERY;
-        for sent_before in [false, true] {
-            if on_the_way.room(sent_before) > 0 {
-                let next = self.store.next_delivery(&on_the_way.busy(), sent_before).await?;
-                pause = pause.min(next.unwrap_or(LOOK_EVERY));
-            }
+        for chosen in choice.go {
+            // It may have been deleted meanwhile.
+            let Some(delivery) = self.store.delivery(chosen.seq).await? else { continue };
+            let sender = Arc::clone(self);
+            on_the_way.begin(&chosen, |cut| Box::pin(async move { sender.deliver(&delivery, &cut).await }));
         }
-        Ok(pause)
+        Ok([choice.next_due_in, choice.room_in].into_iter().flatten().fold(LOOK_EVERY, Duration::min))
     }
 
     /// Makes an attempt and records it.
-    async fn deliver(&self, delivery: &Delivery) {
-        let attempt = self.attempt(delivery).await;
+    async fn deliver(&self, delivery: &Delivery, cut: &CancellationToken) {
+        let attempt = self.attempt(delivery, cut).await;
         let (id, host) = (&delivery.id, &delivery.host);
         let number = delivery.attempts.saturating_add(1);
         match &attempt {
@@ -184,11 +168,18 @@ impl WebhookSender {
         }
     }
 
-    async fn attempt(&self, delivery: &Delivery) -> Attempt {
-        let sent = timeout(ATTEMPT, self.send(delivery)).await.unwrap_or_else(|_| {
-            let error = format!("no answer within {} s", ATTEMPT.as_secs());
-            Err(NotAccepted { error, ..NotAccepted::default() })
-        });
+    async fn attempt(&self, delivery: &Delivery, cut: &CancellationToken) -> Attempt {
+        let no_answer = |text: String| Err(NotAccepted { error: text, ..NotAccepted::default() });
+        let began = Instant::now();
+        let sent = tokio::select! {
+            sent = timeout(ATTEMPT, self.send(delivery)) => {
+                sent.unwrap_or_else(|_| no_answer(format!("no answer within {} s", ATTEMPT.as_secs())))
+            }
+            () = cut.cancelled() => {
+                let waited_s = began.elapsed().max(LEAST_ATTEMPT).as_secs_f64();
+                no_answer(format!("no answer within {waited_s:.1} s, while messages to other hosts waited"))
+            }
+        };
         match sent {
             Ok(status) => Attempt::Delivered { status },
             Err(not_accepted) => {
@@ -218,9 +209,6 @@ impl WebhookSender {
         // An address that lets each connection time out does not keep the others from being tried.
         let first = delivery.attempts as usize % allowed.len().max(1);
         allowed.rotate_left(first);
-        // A changed secret counts for the next message, unless the disk of its file does not answer.
-        let secrets = Arc::clone(&self.secrets);
-        let _ = timeout(READ_SECRETS, tasks::blocking(move || secrets.look())).await;
         let mut failed = NotAccepted::default();
         for address in allowed.into_iter().take(ADDRESSES) {
             let request =
@@ -267,6 +255,17 @@ fn below(base: &BasePath, message: &str) -> String {
         link.insert_str(0, base.as_str());
     }
     document.to_string()
+}
+
+/// The attempt whose task has ended.
+fn attempt_of(ended: Result<(Id, ()), JoinError>) -> Id {
+    ended.map_or_else(
+        |error| {
+            tracing::error!(%error, "an attempt to send a webhook ended by a defect of this program");
+            error.id()
+        },
+        |(id, ())| id,
+    )
 }
 
 /// What an answer stands for.

@@ -14,6 +14,7 @@ use crate::jobs::JobProgress;
 use crate::jobs::store::{Claimed, Held, Renewal};
 use crate::storage::Bound;
 use crate::studies::Facts;
+use crate::workers::here::run_limit_s;
 
 /// Most slots of a process.
 pub(crate) const MAX_SLOTS: u32 = 1024;
@@ -160,7 +161,7 @@ impl LeaseDocument {
     /// The stored request is unreadable.
     pub(crate) fn of(
         claimed: &Claimed,
-        lease_s: f64,
+        (lease_s, max_run_s): (f64, Option<f64>),
         limits: &Limits,
         room: (u64, Bound),
         queued: u64,
@@ -170,7 +171,7 @@ impl LeaseDocument {
             job: claimed.lease.id,
             attempt: claimed.lease.attempt,
             lease_s,
-            timeout_s: claimed.job.timeout_s,
+            timeout_s: run_limit_s(claimed.job.timeout_s, max_run_s),
             faults: claimed.faults,
             threads: claimed.job.threads,
             most_threads: claimed.job.most_threads,
@@ -305,7 +306,7 @@ impl From<Held> for LeaseState {
 #[serde(deny_unknown_fields)]
 pub(crate) struct EndRequest {
     pub(crate) outcome: EndOutcome,
-    /// Why the job failed, with `failed`.
+    /// Why the job failed, with `failed`; with `faulted` what ended the attempt, where that is known.
     #[cfg_attr(test, schema(value_type = Option<Object>, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) failure: Option<Failure>,
@@ -341,9 +342,9 @@ impl Checked for EndRequest {
             (EndOutcome::Failed, None) => {
                 faults.push(FieldError::new("/failure", "is missing: a failed job must have one"));
             }
-            (EndOutcome::Failed, Some(_)) | (_, None) => {}
+            (EndOutcome::Failed | EndOutcome::Faulted, Some(_)) | (_, None) => {}
             (_, Some(_)) => {
-                let detail = "is of no use: must be absent unless the outcome is `failed`";
+                let detail = "is of no use: must be absent unless the outcome is `failed` or `faulted`";
                 faults.push(FieldError::new("/failure", detail));
             }
         }

@@ -34,6 +34,8 @@ pub(crate) enum Cause {
     NoRoom(u64),
     /// A result of so many bytes could not be written to the disk of this process.
     NotWritten(u64),
+    /// The system refused memory.
+    NoMemory,
     /// Another.
     Other,
 }
@@ -90,7 +92,7 @@ impl<M> End<M> {
                 if failure.code == FailureCode::OutOfMemory && faults < MEMORY_FAULTS =>
             {
                 tracing::warn!(error = failure.detail, "the run found no memory");
-                Self::Faulted(Cause::Other)
+                Self::Faulted(Cause::NoMemory)
             }
             NotMade::Failed(failed) => Self::Failed(failed),
             NotMade::Faulted(cause) => Self::Faulted(cause),
@@ -136,7 +138,7 @@ mod tests {
     #[test]
     fn a_task_that_never_finds_memory_fails() {
         let end = |code, faults| End::<()>::of(Failure::new(code, "why").into(), faults);
-        assert!(matches!(end(FailureCode::OutOfMemory, MEMORY_FAULTS - 1), End::Faulted(Cause::Other)));
+        assert!(matches!(end(FailureCode::OutOfMemory, MEMORY_FAULTS - 1), End::Faulted(Cause::NoMemory)));
         let End::Failed(failed) = end(FailureCode::OutOfMemory, MEMORY_FAULTS) else {
             panic!("it goes on for ever")
         };

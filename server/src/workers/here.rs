@@ -7,8 +7,8 @@ use super::ending::{Cause, Told};
 use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
 use super::task::LeaseError;
-use crate::jobs::Lease;
 use crate::jobs::store::{Store, WorkUntil};
+use crate::jobs::{Lease, WaitReason};
 use crate::storage::{Bound, Storage};
 
 /// The store of this process.
@@ -17,6 +17,13 @@ pub(crate) struct Here {
     pub(crate) store: Store,
     pub(crate) storage: Storage,
     pub(crate) limits: Limits,
+    /// Longest time of a run, whatever the request allows.
+    pub(crate) max_run_s: Option<f64>,
+}
+
+/// Longest time of a run, in s: that of the request, or that of the server where this is shorter.
+pub(crate) fn run_limit_s(timeout_s: Option<f64>, max_run_s: Option<f64>) -> Option<f64> {
+    timeout_s.into_iter().chain(max_run_s).min_by(f64::total_cmp)
 }
 
 impl Here {
@@ -60,7 +67,7 @@ impl Here {
         let work = Work {
             lease: claimed.lease,
             request: claimed.request,
-            timeout_s: claimed.job.timeout_s,
+            timeout_s: run_limit_s(claimed.job.timeout_s, self.max_run_s),
             faults: claimed.faults,
             limits: Limits { threads: held.count(), ..self.limits },
             room,
@@ -81,8 +88,17 @@ impl Here {
             Told::Cancelled => self.store.finish_cancelled(lease).await?,
             Told::Released => self.store.give_back(lease).await?,
             Told::Faulted(cause) => {
-                let owner = self.store.requeue_after_fault(lease).await?;
-                if let Cause::NoRoom(bytes) | Cause::NotWritten(bytes) = cause {
+                let needed_bytes = match cause {
+                    Cause::NoRoom(bytes) | Cause::NotWritten(bytes) => Some(bytes),
+                    Cause::NoMemory | Cause::Other => None,
+                };
+                let why = match needed_bytes {
+                    Some(bytes) => self.storage.why_it_waits(lease.id, bytes).await,
+                    None if cause == Cause::NoMemory => WaitReason::memory(),
+                    None => WaitReason::machine(),
+                };
+                let owner = self.store.requeue_after_fault(lease, why).await?;
+                if let Some(bytes) = needed_bytes {
                     self.storage.wait_for_room(&owner, bytes).await;
                 }
             }

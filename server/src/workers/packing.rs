@@ -123,7 +123,8 @@ impl TaskKind for Packings {
         })?;
         let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
         let (request, postprocess) = (request.packing(), request.postprocess);
-        let bytes = Plan::new(&request, &work.limits).map_or(0, |plan| Storage::bytes_of_result(plan.grains));
+        let bytes = Plan::new(&request, &work.limits)
+            .map_or(0, |plan| Storage::bytes_of_result(plan.grains, &request.mix));
         if let Err(no_room) = fits(bytes, work.room) {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
             return Err(NotMade::Faulted(Cause::NoRoom(bytes)));

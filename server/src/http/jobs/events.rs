@@ -109,11 +109,18 @@ pub(crate) async fn events(
     Ok(event_stream(follow(following)))
 }
 
+/// State, attempt, request to cancel, and until when it is not started: a job has moved where one of them differs.
+type Moved = (jobs::State, i64, bool, Option<i64>);
+
+fn moved(job: &JobRecord) -> Moved {
+    (job.state, job.attempt, job.cancel_requested, job.not_before)
+}
+
 /// What a stream has told its client.
 #[derive(Debug, Default)]
 struct Told {
     version: i64,
-    state: Option<(jobs::State, i64, bool)>,
+    state: Option<Moved>,
     progress: Option<Value>,
 }
 
@@ -149,7 +156,13 @@ fn follow(following: Following) -> impl Stream<Item = Result<Event, Infallible>>
             match following.app.shared.store.get(following.id).await {
                 Ok(Some(job)) => {
                     following.ended = job.state.is_finished();
-                    following.queue = following.told.news(&job);
+                    match JobSummary::of_one(&following.app, &job).await {
+                        Ok(summary) => following.queue = following.told.news(&job, &summary),
+                        Err(error) => {
+                            tracing::error!(%error, "an event stream ends early");
+                            following.ended = true;
+                        }
+                    }
                     following.queue.reverse();
                 }
                 Ok(None) => following.ended = true,
@@ -164,16 +177,15 @@ fn follow(following: Following) -> impl Stream<Item = Result<Event, Infallible>>
 
 impl Told {
     /// The events that tell a client what it does not know yet.
-    fn news(&mut self, job: &JobRecord) -> Vec<Event> {
+    fn news(&mut self, job: &JobRecord, summary: &JobSummary) -> Vec<Event> {
+        let whole = serde_json::to_value(summary).unwrap_or_default();
         let mut events = Vec::new();
         let mut tell = |event, data: &Value| {
             let event = JobEvent { event, id: job.version.to_string(), data: data.to_string() };
             events.push(event.into());
         };
         if job.version > self.version {
-            let whole = summary(job);
-            let state = (job.state, job.attempt, job.cancel_requested);
-            if self.state != Some(state) {
+            if self.state != Some(moved(job)) {
                 tell(EventName::State, &whole);
             }
             if job.progress.is_some() && job.progress != self.progress {
@@ -182,15 +194,11 @@ impl Told {
         }
         // A client that missed the end must see it, whatever it saw before.
         if job.state.is_finished() {
-            tell(EventName::End, &summary(job));
+            tell(EventName::End, &whole);
         }
         self.version = self.version.max(job.version);
-        self.state = Some((job.state, job.attempt, job.cancel_requested));
+        self.state = Some(moved(job));
         self.progress.clone_from(&job.progress);
         events
     }
-}
-
-fn summary(job: &JobRecord) -> Value {
-    serde_json::to_value(JobSummary::of(job)).unwrap_or_default()
 }

@@ -192,7 +192,7 @@ impl JobListParameters {
 /// The page of a listing that was asked for.
 async fn page(app: &App, filter: &Filter, page: &PageParameters) -> Result<JobPage, Problem> {
     let found = app.shared.store.list(filter, page.after(filter)?, page.limit.get()).await?;
-    let items = found.jobs.iter().map(JobSummary::of).collect();
+    let items = JobSummary::of_all(app, &found.jobs).await?;
     Ok(JobPage { items, next_cursor: found.next_after.map(|item| pages::cursor(item, filter)) })
 }
 

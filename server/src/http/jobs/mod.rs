@@ -1,6 +1,7 @@
 //! Jobs: submitting, listing, following and changing them.
 
 pub(crate) mod actions;
+pub(crate) mod delete_many;
 pub(crate) mod events;
 pub(crate) mod get;
 pub(crate) mod list;
@@ -11,3 +12,4 @@ pub(crate) mod polled;
 mod reading;
 pub(crate) mod submit;
 pub(crate) mod view;
+mod waits;

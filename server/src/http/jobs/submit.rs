@@ -24,7 +24,6 @@ use crate::http::waiting::PREFERENCE_APPLIED;
 use crate::jobs::store::{IdempotencyKey, NewJob, Submitted};
 use crate::planning::Proposal;
 use crate::problem::Problem;
-use crate::storage::Storage;
 
 /// Submit a job
 ///
@@ -57,9 +56,15 @@ pub(crate) async fn submit(
     let Submission { request, plan, exports, body_sha256 } =
         read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
     let by = caller.by.clone();
-    let exports = estimates::bytes(&exports);
-    check_room(&app, &by.owner, Storage::bytes_of_result(plan.grains).saturating_add(exports)).await?;
+    let stored_bytes = estimates::stored_bytes(&request, &plan, &exports);
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
+    if let Err(refused) = check_room(&app, &by.owner, stored_bytes).await {
+        // The job of a repeated submission is there already and needs no more room.
+        match &idempotency_key {
+            Some(key) if app.shared.store.knows_job_key(key).await? => {}
+            _ => return Err(refused),
+        }
+    }
     let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, most_threads, grains, .. } = plan;
     let new = NewJob { request, warnings, forecast_s, keeps_checkpoints, most_threads, by, idempotency_key };
     let submitted = app.shared.store.submit(new).await?;

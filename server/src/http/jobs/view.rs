@@ -12,6 +12,7 @@ use crate::base_path;
 use crate::formats::ResultFormat;
 use crate::http::app::App;
 use crate::http::exports::view::ExportLink;
+use crate::http::jobs::waits::{WaitView, waits_of};
 use crate::http::response::{is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
@@ -77,6 +78,9 @@ pub(crate) struct JobSummary {
     /// Past this, the finished job is removed.
     #[cfg_attr(test, schema(format = DateTime, required))]
     expires_at: Option<String>,
+    /// Why the queued job is not started, beside for want of a free worker; `null` where nothing else keeps it.
+    #[cfg_attr(test, schema(required))]
+    waiting: Option<WaitView>,
     /// How far the latest attempt is.
     #[cfg_attr(test, schema(value_type = Option<crate::jobs::JobProgress>, required))]
     progress: Option<Value>,
@@ -172,7 +176,25 @@ pub(crate) struct Links {
 }
 
 impl JobSummary {
-    pub(crate) fn of(job: &JobRecord) -> Self {
+    /// The jobs as listings show them.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn of_all(app: &App, jobs: &[JobRecord]) -> Result<Vec<Self>, StoreError> {
+        let waits = waits_of(app, jobs).await?;
+        Ok(jobs.iter().zip(waits).map(|(job, waiting)| Self::of(job, waiting)).collect())
+    }
+
+    /// One job as listings show it.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn of_one(app: &App, job: &JobRecord) -> Result<Self, StoreError> {
+        let waiting = waits_of(app, std::slice::from_ref(job)).await?.pop().flatten();
+        Ok(Self::of(job, waiting))
+    }
+
+    fn of(job: &JobRecord, waiting: Option<WaitView>) -> Self {
         let this = path(job);
         Self {
             id: job.id.to_string(),
@@ -194,6 +216,7 @@ impl JobSummary {
             finished_at: job.finished_at.map(time),
             updated_at: time(job.updated_at),
             expires_at: job.expires_at.map(time),
+            waiting,
             progress: job.progress.clone(),
             error: job.error.as_ref().map(FailureDocument::from),
             result: job.artifact.as_ref().map(ResultView::of),
@@ -244,7 +267,7 @@ pub(crate) async fn whole(
     let kept = if job.state == State::Succeeded { store.kept_of(job.seq).await? } else { Vec::new() };
     let exports = kept.iter().map(|(kind, options)| ExportLink::of(job.id, *kind, options)).collect();
     let webhook = WebhookView::of_job(app, caller, job).await?;
-    Ok(Job { summary: JobSummary::of(job), exports, webhook, request })
+    Ok(Job { summary: JobSummary::of_one(app, job).await?, exports, webhook, request })
 }
 
 /// The job as a response with its tag, and a hint when to come back while it is not finished.

@@ -191,15 +191,14 @@ async fn documents(app: &App, claimed: &[Claimed]) -> Result<Vec<LeaseDocument>,
         let room = app.shared.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
         let id = claimed.lease.id.to_string();
         let has_checkpoint = claimed.lease.attempt > 1 && has_checkpoint(app, id.clone()).await;
-        let lease_s = app.shared.store.lease().as_secs_f64();
+        let times = (app.shared.store.lease().as_secs_f64(), app.shared.max_run_s);
         let limits = app.shared.limits;
         let document = if claimed.request.len() > SMALL_BODY_BYTES {
             let claimed = claimed.clone();
-            let read =
-                move |_: &_| LeaseDocument::of(&claimed, lease_s, &limits, room, queued, has_checkpoint);
+            let read = move |_: &_| LeaseDocument::of(&claimed, times, &limits, room, queued, has_checkpoint);
             app.shared.documents.run(read).await?
         } else {
-            LeaseDocument::of(claimed, lease_s, &limits, room, queued, has_checkpoint)
+            LeaseDocument::of(claimed, times, &limits, room, queued, has_checkpoint)
         };
         documents.push(document.map_err(|error| {
             tracing::error!(%error, job_id = id, "the stored request is unreadable");

@@ -8,9 +8,11 @@ use axum::response::{IntoResponse as _, Response};
 
 use super::{LeasePath, note_end, read, recorded, refused, remove_checkpoints, running};
 use crate::accounts::Caller;
+use crate::failure::{Failure, FailureCode};
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::params::{NoParameters, Query};
+use crate::jobs::WaitReason;
 use crate::problem::Problem;
 use crate::workers::documents::{EndOutcome, EndRequest};
 
@@ -46,8 +48,14 @@ pub(crate) async fn end(
         }
         (EndOutcome::Cancelled, _) => ("cancelled", store.finish_cancelled(lease).await),
         (EndOutcome::Released, _) => ("given_back", store.give_back(lease).await),
-        (EndOutcome::Faulted | EndOutcome::Failed, _) => {
-            let requeued = store.requeue_after_fault(lease).await;
+        (EndOutcome::Faulted | EndOutcome::Failed, failure) => {
+            let is_memory = |failure: &Failure| failure.code == FailureCode::OutOfMemory;
+            let why = match request.needed_bytes {
+                Some(bytes) => app.shared.storage.why_it_waits(lease.id, bytes).await,
+                None if failure.as_ref().is_some_and(is_memory) => WaitReason::memory(),
+                None => WaitReason::machine(),
+            };
+            let requeued = store.requeue_after_fault(lease, why).await;
             if let (Ok(owner), Some(bytes)) = (&requeued, request.needed_bytes) {
                 app.shared.storage.wait_for_room(owner, bytes).await;
             }

@@ -1,6 +1,5 @@
 //! Types of query parameters: what the interface document says of each, how it is read, and how it is written.
 
-use jiff::Timestamp;
 #[cfg(test)]
 use utoipa::openapi::Required;
 #[cfg(test)]
@@ -13,6 +12,7 @@ use crate::http::params::described::{uuid_schema, with_default};
 use crate::http::params::{Choice, shown};
 use crate::ids::StudyId;
 use crate::jobs;
+use crate::jobs::moments;
 use crate::jobs::request::MAX_LABELS;
 
 /// What one text of a query means.
@@ -260,12 +260,13 @@ impl Value for Time {
     }
 
     fn read(text: &str) -> Result<Self, String> {
-        let time = text.parse::<Timestamp>().ok().map(|time| Self(time.as_microsecond()));
-        time.ok_or_else(|| format!("{} is not an RFC 3339 time, as 2030-01-31T12:00:00Z", shown(text)))
+        moments::read(text)
+            .map(Self)
+            .ok_or_else(|| format!("{} is not an RFC 3339 time, as 2030-01-31T12:00:00Z", shown(text)))
     }
 
     fn write(&self) -> String {
-        Timestamp::from_microsecond(self.0).map(|time| time.to_string()).unwrap_or_default()
+        moments::text(self.0)
     }
 }
 

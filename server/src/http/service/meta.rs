@@ -154,6 +154,12 @@ pub(crate) struct LimitsInfo {
     max_body_bytes: u64,
     /// Most jobs that wait.
     max_queued: u64,
+    /// Longest time of a run in s, whatever `timeout_s` of the job allows; `null` where there is none.
+    #[cfg_attr(test, schema(required))]
+    max_run_s: Option<f64>,
+    /// Days after which finished jobs and studies without `expires_at` are removed; `null` where they stay.
+    #[cfg_attr(test, schema(required))]
+    expire_after_days: Option<f64>,
     /// Jobs that run at once, of which one with several threads counts as so many.
     workers: usize,
     /// Most attempts of a job.
@@ -223,6 +229,8 @@ pub(crate) async fn capabilities(
             max_seed: MAX_SEED,
             max_body_bytes: shared.max_body_bytes,
             max_queued: shared.max_queued,
+            max_run_s: shared.max_run_s,
+            expire_after_days: shared.expire_after_days,
             workers: shared.workers,
             max_attempts: request::MAX_ATTEMPTS,
             max_priority: request::MAX_PRIORITY,

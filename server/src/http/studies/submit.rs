@@ -30,7 +30,6 @@ use crate::jobs::request;
 use crate::jobs::store::{IdempotencyKey, NewStudy, StudyState, SubmittedStudy};
 use crate::planning::Planner;
 use crate::problem::Problem;
-use crate::storage::Storage;
 use crate::strict_json;
 use crate::studies::Study;
 
@@ -72,9 +71,14 @@ pub(crate) async fn submit(
     let bytes = body::json_bytes(&app, &headers, body).await?;
     let Submission { study, request, body_sha256 } = read(&app, bytes, app.limits_of(&caller)).await?;
     let by = caller.by.clone();
-    // The grains of each job are counted when it starts; then it waits where its result would not fit.
-    check_room(&app, &by.owner, Storage::bytes_of_result(0.0) * study.jobs() as u64).await?;
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
+    if let Err(refused) = check_room(&app, &by.owner, study.stored_bytes()).await {
+        // The study of a repeated submission is there already and needs no more room.
+        match &idempotency_key {
+            Some(key) if app.shared.store.knows_study_key(key).await? => {}
+            _ => return Err(refused),
+        }
+    }
     let submitted = app.shared.store.submit_study(NewStudy { study, request, by, idempotency_key }).await?;
     let (mut record, status) = match submitted {
         SubmittedStudy::Created(record) => {

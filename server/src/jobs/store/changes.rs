@@ -92,8 +92,8 @@ impl Store {
         self.shared.export_changes.subscribe(id)
     }
 
-    /// Waits until there may be an export to make. No wake-up tells of the end of a pause that another process began, or
-    /// of a clock that was set: so it looks for itself from time to time.
+    /// Waits until there may be an export to make. No wake-up tells of the end of a pause that another process began,
+    /// or of a clock that was set: so it looks for itself from time to time.
     pub(crate) async fn exports_queued(&self, quick: bool) {
         let workers = &self.shared.export_workers[usize::from(quick)];
         while timeout(LOOK_FOR_EXPORTS, workers.notified()).await.is_err() {
@@ -115,8 +115,8 @@ impl Store {
     }
 
     /// Wakes an idle worker where a job waits that it may start, whatever was told: quotas are raised, pauses end and
-    /// clocks are set without a word, and the words of other servers may be lost. Costs nothing where no worker is idle,
-    /// else a statement that changes nothing.
+    /// clocks are set without a word, and the words of other servers may be lost. Costs nothing where no worker is
+    /// idle, else a statement that changes nothing.
     ///
     /// # Errors
     /// The database's.
@@ -137,8 +137,8 @@ impl Store {
         self.shared.webhooks.notified().await;
     }
 
-    /// Wakes one more worker of this process: of a burst of submissions each wakes one, but some may have woken a worker
-    /// that was about to ask anyway.
+    /// Wakes one more worker of this process: of a burst of submissions each wakes one, but some may have woken a
+    /// worker that was about to ask anyway.
     pub(crate) fn wake_next_worker(&self) {
         self.shared.wake(Change::Queue);
     }

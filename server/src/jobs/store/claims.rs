@@ -8,7 +8,8 @@ use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
 use crate::jobs::{JobRecord, Lease};
 
-/// The jobs of an owner in the order of the queue, at the time `?1`. The index is named, because the planner of SQLite
+/// The jobs of an owner in the order of the queue, at the time `?1`, without those that have expired: they are
+/// cancelled ([`retention`](super::retention)). The index is named, because the planner of SQLite
 /// would choose the index of all states and sort the queue at every claim.
 macro_rules! line_of_owner {
     ($columns:literal) => {
@@ -18,6 +19,7 @@ macro_rules! line_of_owner {
             " from jobs indexed by jobs_queue
               where jobs.state = 'queued' and jobs.owner = queue_owners.owner
                   and (jobs.not_before is null or jobs.not_before <= ?1)
+                  and (jobs.expires_at is null or jobs.expires_at > ?1)
               order by jobs.priority desc, jobs.turn, jobs.seq"
         )
     };
@@ -76,7 +78,7 @@ macro_rules! lease {
     ($next:expr) => {
         concat!(
             "update jobs set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?4, progress = null, error = null, engine = ?5, not_before = null,
+                 lease_expires_at = ?4, progress = null, error = null, engine = ?5, not_before = null, waits_for = null,
                  worker = ?6, worker_key = ?7, claim = ?8
              where seq = (",
             $next,

@@ -62,6 +62,7 @@ mod tests {
 
     use super::super::tests::{fresh, submit_forecast, succeed};
     use super::*;
+    use crate::jobs::WaitReason;
 
     fn work(queued_s: f64, running_s: f64) -> ForecastWork {
         ForecastWork { queued_s, running_s }
@@ -109,7 +110,7 @@ mod tests {
         assert_eq!(work_of(&store).await, work(168.0, 0.0));
         let lease = store.claim().await.unwrap().unwrap().lease;
         assert_eq!(lease.id, first.id);
-        store.requeue_after_fault(lease).await.unwrap();
+        store.requeue_after_fault(lease, WaitReason::machine()).await.unwrap();
         assert_eq!(work_of(&store).await, work(168.0, 0.0));
         let lease = store.claim().await.unwrap().unwrap().lease;
         assert_eq!(lease.id, second.id);

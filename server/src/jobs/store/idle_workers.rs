@@ -1,12 +1,12 @@
 //! Idle workers of this process and of others: who waits for a job, and who is woken.
 //!
-//! Workers differ in the time that they have left. A job that does not fit into the time of one worker may fit into that
-//! of another, and a worker with more time can take every job that one with less time can take. So a wake-up goes to
-//! the idle worker with the most time left; of several, to the one that has waited longest. Where it finds no job, no
-//! other idle worker would find one. Where it finds one, it wakes the next worker ([`Store::wake_next_worker`]).
+//! Workers differ in the time that they have left. A job that does not fit into the time of one worker may fit into
+//! that of another, and a worker with more time can take every job that one with less time can take. So a wake-up goes
+//! to the idle worker with the most time left; of several, to the one that has waited longest. Where it finds no job,
+//! no other idle worker would find one. Where it finds one, it wakes the next worker ([`Store::wake_next_worker`]).
 //!
-//! A worker takes a [`Mark`] before it asks the store for a job. A wake-up after the mark is not lost, though the worker
-//! did not wait yet. A worker that is woken and stops waiting before it knows passes the wake-up to the next.
+//! A worker takes a [`Mark`] before it asks the store for a job. A wake-up after the mark is not lost, though the
+//! worker did not wait yet. A worker that is woken and stops waiting before it knows passes the wake-up to the next.
 //!
 //! [`Store::wake_next_worker`]: super::Store::wake_next_worker
 

@@ -12,7 +12,7 @@ use super::submit::to_json;
 use super::{Store, StoreError, fault_pause, micros};
 use crate::exports::ExportRecord;
 use crate::failure::Failure;
-use crate::jobs::{JobProgress, Lease};
+use crate::jobs::{JobProgress, Lease, WaitReason};
 
 /// A leased job or export.
 #[derive(Clone, Copy, Debug)]
@@ -184,8 +184,12 @@ impl LeasedTask {
     }
 
     /// Requeues the task after a fault of the machine. The next attempt starts after a pause that doubles with each
-    /// fault. Returns the pause and the owner.
-    pub(super) async fn requeue_after_fault(self, store: &Store) -> Result<(Duration, String), StoreError> {
+    /// fault. A job says `why` it waits. Returns the pause and the owner.
+    pub(super) async fn requeue_after_fault(
+        self,
+        store: &Store,
+        why: Option<&WaitReason>,
+    ) -> Result<(Duration, String), StoreError> {
         let mut writer = store.writer().await?;
         let mut tx = writer.begin().await?;
         let counted = query(of_kind!(self.kind, count_fault)).bind(self.seq).bind(self.attempt);
@@ -197,6 +201,13 @@ impl LeasedTask {
             .bind(self.seq)
             .execute(&mut tx)
             .await?;
+        if let Some(why) = why {
+            query("update jobs set waits_for = ?1 where seq = ?2")
+                .bind(to_json(why)?)
+                .bind(self.seq)
+                .execute(&mut tx)
+                .await?;
+        }
         tx.commit().await?;
         Ok((pause, left.try_get("owner")?))
     }

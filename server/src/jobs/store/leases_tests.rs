@@ -10,7 +10,7 @@ use super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress,
 use super::*;
 use crate::accounts::Submitter;
 use crate::failure::Failure;
-use crate::jobs::State;
+use crate::jobs::{State, WaitReason};
 use crate::studies::Facts;
 
 fn claim(id: &str, slots: u32) -> Claim {
@@ -76,7 +76,7 @@ async fn a_released_attempt_is_never_given_out_again() {
     let second = store.claim_for(claim("b", 1)).await.unwrap().remove(0);
     assert_eq!((second.lease.attempt, second.job.max_attempts), (2, 2), "the attempt did not count");
     assert!(matches!(store.give_back(first).await, Err(StoreError::LeaseLost)), "a repeated request");
-    store.requeue_after_fault(second.lease).await.unwrap();
+    store.requeue_after_fault(second.lease, WaitReason::machine()).await.unwrap();
     let waiting = store.get(first.id).await.unwrap().unwrap();
     assert_eq!((waiting.state, waiting.attempt, waiting.max_attempts), (State::Queued, 3, 3));
     assert!(matches!(

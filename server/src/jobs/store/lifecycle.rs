@@ -12,7 +12,7 @@ use super::submit::to_json;
 use super::{Store, StoreError, Target, rows, turns};
 use crate::exports::NewExport;
 use crate::failure::Failure;
-use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State};
+use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State, WaitReason};
 use crate::studies::{Facts, Outcome};
 
 /// The answer to the report of a worker.
@@ -121,11 +121,15 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
-    pub(crate) async fn requeue_after_fault(&self, lease: Lease) -> Result<String, StoreError> {
+    pub(crate) async fn requeue_after_fault(
+        &self,
+        lease: Lease,
+        why: WaitReason,
+    ) -> Result<String, StoreError> {
         let store = self.clone();
         let (pause, owner) = self
             .detached(async move {
-                let requeued = LeasedTask::from(lease).requeue_after_fault(&store).await?;
+                let requeued = LeasedTask::from(lease).requeue_after_fault(&store, Some(&why)).await?;
                 store.notify_lease(lease);
                 store.wake_worker_for_held_back();
                 Ok(requeued)
@@ -145,18 +149,22 @@ impl Store {
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
             let ended = query(
-                "update jobs set not_before = null where state = 'queued' and owner = ? and not_before > ?",
+                "update jobs set not_before = null, version = version + 1, updated_at = ?2
+                 where state = 'queued' and owner = ?1 and not_before > ?2 returning id",
             )
             .bind(owner)
             .bind(store.now_us())
-            .execute(&mut writer)
-            .await?
-            .rows_affected();
+            .fetch_all(&mut writer)
+            .await?;
             drop(writer);
-            if ended > 0 {
+            for row in &ended {
+                // The reason to wait has gone from what clients see.
+                store.notify(rows::job_id(row.text("id")?)?);
+            }
+            if !ended.is_empty() {
                 store.wake_worker();
             }
-            Ok(ended)
+            Ok(ended.len() as u64)
         })
         .await
     }

@@ -31,6 +31,7 @@ mod load_tests;
 mod owners_tests;
 mod patch;
 mod query;
+mod retention;
 mod rows;
 mod running;
 mod schema;
@@ -82,13 +83,14 @@ pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
+pub(crate) use retention::FinishedJobs;
 pub(crate) use schema::SchemaError;
 pub(crate) use standings::Standing;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;
 pub(crate) use upkeep::{Kept, Removed, StoredKind};
-pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, WebhookRecord};
+pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, Receiver, WaitingDelivery, WebhookRecord};
 
 /// Name of the reserve of disk space, beside the database.
 const RESERVE: &str = "reserve";
@@ -380,6 +382,11 @@ impl Store {
     /// The clock of the database, in microseconds since the Unix epoch.
     fn now_us(&self) -> i64 {
         self.shared.writer.clock().now_us()
+    }
+
+    /// The moment so long ago by the clock of the database, in microseconds since the Unix epoch.
+    pub(crate) fn time_ago(&self, ago: Duration) -> i64 {
+        self.now_us().saturating_sub(micros(ago))
     }
 
     fn limits(&self) -> StoreLimits {

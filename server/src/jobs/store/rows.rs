@@ -80,6 +80,8 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         error: row.try_get::<Option<String>>("error")?.as_deref().map(json).transpose()?,
         artifact,
         study,
+        not_before: row.try_get("not_before")?,
+        waits_for: row.try_get::<Option<String>>("waits_for")?.as_deref().map(json).transpose()?,
         owner: row.try_get("owner")?,
         submitted_by: row.try_get("submitted_by")?,
         shared: row.try_get("shared")?,

@@ -171,6 +171,19 @@ impl Store {
         Ok(Submitted::Created(job))
     }
 
+    /// Whether a job was submitted with this key before.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn knows_job_key(&self, key: &IdempotencyKey) -> Result<bool, StoreError> {
+        let row = query("select 1 from idempotency_keys where scope = ? and key = ?")
+            .bind(&key.scope)
+            .bind(&key.key)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
     /// Refuses where the queue, or the share of the owner in it, has no room for so many jobs more.
     pub(super) async fn check_queue(
         &self,

@@ -13,7 +13,7 @@ use crate::accounts::{Quotas, Submitter};
 #[cfg(feature = "postgres")]
 use crate::exports::{NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
-use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, WaitReason};
 use crate::studies::Facts;
 
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
@@ -130,6 +130,16 @@ pub(super) async fn submit_as(
     match store.submit(new).await? {
         Submitted::Created(job) => Ok(job),
         Submitted::Existing(_) => panic!("a job without a key exists already"),
+    }
+}
+
+/// Lets the time pass at which the jobs and studies expire that have one.
+pub(super) async fn expire_all(store: &Store) {
+    for text in [
+        "update jobs set expires_at = 1 where expires_at is not null",
+        "update studies set expires_at = 1 where expires_at is not null",
+    ] {
+        query(text).execute(&mut store.writer().await.unwrap()).await.unwrap();
     }
 }
 
@@ -271,7 +281,7 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
     }
     let job = submit(&store, json!({"max_attempts": 2})).await;
     let first = store.claim().await.unwrap().unwrap().lease;
-    store.requeue_after_fault(first).await.unwrap();
+    store.requeue_after_fault(first, WaitReason::machine()).await.unwrap();
     store.end_pauses(job.owner.clone()).await.unwrap();
     let second = store.claim().await.unwrap().unwrap().lease;
     store.give_back(second).await.unwrap();
@@ -474,11 +484,12 @@ async fn pages_neither_repeat_nor_skip_while_jobs_come_in() {
 #[tokio::test]
 async fn only_finished_jobs_expire() {
     let (_folder, store) = fresh().await;
-    let past = json!({"expires_at": "2020-01-01T00:00:00Z"});
-    let done = submit(&store, past.clone()).await.id;
+    let later = json!({"expires_at": "2030-01-01T00:00:00Z"});
+    let done = submit(&store, later.clone()).await.id;
     let lease = store.claim().await.unwrap().unwrap().lease;
     succeed(&store, lease).await;
-    let waiting = submit(&store, past).await.id;
+    let waiting = submit(&store, later).await.id;
+    expire_all(&store).await;
     let lasting = submit(&store, json!({"expires_at": "2999-01-01T00:00:00Z"})).await.id;
     store.cancel(lasting).await.unwrap();
     let removed = store.remove_expired().await.unwrap();

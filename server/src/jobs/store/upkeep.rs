@@ -1,4 +1,4 @@
-//! Maintenance of the store that no client requests: recovery after a crash, leases that ran out, jobs that expired.
+//! Maintenance of the store that no client requests: recovery after a crash, leases that ran out, and files.
 
 use std::collections::BTreeMap;
 
@@ -8,9 +8,6 @@ use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
-
-/// Most expired jobs removed in one transaction, so that submissions do not wait long for the writer.
-const EXPIRED_AT_ONCE: i64 = 200;
 
 /// How far the time of a file may lie behind that of a row written before it, in µs: file systems take it from a clock
 /// of the kernel that ticks every 1 to 10 ms.
@@ -131,42 +128,6 @@ impl Store {
             }
             store.wake_webhooks();
             Ok(moved.len())
-        })
-        .await
-    }
-
-    /// Removes finished jobs past their `expires_at`, a bounded number at a time; an empty answer
-    /// means that none is left. Those of a study stay until it is finished.
-    pub(crate) async fn remove_expired(&self) -> Result<Vec<Removed>, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let expired = query(
-                "select jobs.seq, jobs.id, artifacts.path,
-                     (select string_agg(exports.path, '|') from exports
-                      where exports.job = jobs.seq and exports.path is not null) as export_paths
-                 from jobs left join artifacts on artifacts.job = jobs.seq
-                 where jobs.expires_at <= ? and jobs.state in ('succeeded', 'failed', 'cancelled')
-                     and not exists (
-                         select 1 from studies where studies.seq = jobs.study and studies.finished_at is null
-                     )
-                 order by jobs.expires_at limit ?",
-            )
-            .bind(store.now_us())
-            .bind(EXPIRED_AT_ONCE)
-            .fetch_all(&mut tx)
-            .await?;
-            for row in &expired {
-                let seq: i64 = row.try_get("seq")?;
-                query("delete from jobs where seq = ?").bind(seq).execute(&mut tx).await?;
-            }
-            tx.commit().await?;
-            drop(writer);
-            let removed: Result<Vec<_>, StoreError> = expired.iter().map(Removed::read).collect();
-            for job in removed.iter().flatten() {
-                store.notify(job.id);
-            }
-            removed
         })
         .await
     }

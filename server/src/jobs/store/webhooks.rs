@@ -6,7 +6,6 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::db::{Row, Transaction, query};
-use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
 use crate::jobs::request::Change;
 use crate::webhooks::WebhookUrl;
@@ -92,17 +91,60 @@ pub(crate) enum Attempt {
     Failed { error: String, status: Option<u16> },
 }
 
-/// The hosts to which deliveries wait, by one step into the index for each: a backlog of one host is not walked.
-macro_rules! waiting_hosts {
+/// A host to which messages of an owner are sent, one at a time.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Receiver {
+    pub(crate) owner: String,
+    pub(crate) host: String,
+}
+
+/// A delivery that waits, without its body.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct WaitingDelivery {
+    pub(crate) seq: i64,
+    pub(crate) receiver: Receiver,
+    /// There was an attempt before.
+    pub(crate) sent_before: bool,
+    /// When it is due, in microseconds since the Unix epoch.
+    pub(crate) next_at: i64,
+    /// Time until then.
+    pub(crate) due_in: Duration,
+}
+
+/// The receivers for which deliveries wait, by one step into the index for each: a backlog of one is not walked.
+macro_rules! waiting_receivers {
     () => {
-        "with recursive hosts (host) as (
-             select min(host) from webhook_deliveries where state = 'waiting'
+        "with recursive owners (owner) as (
+             select min(owner) from webhook_deliveries where state = 'waiting'
              union all
              select (
+                 select min(later.owner) from webhook_deliveries as later
+                 where later.state = 'waiting' and later.owner > owners.owner
+             ) from owners where owners.owner is not null
+         ), receivers (owner, host) as (
+             select owners.owner, (
+                 select min(first.host) from webhook_deliveries as first
+                 where first.state = 'waiting' and first.owner = owners.owner
+             ) from owners where owners.owner is not null
+             union all
+             select receivers.owner, (
                  select min(later.host) from webhook_deliveries as later
-                 where later.state = 'waiting' and later.host > hosts.host
-             ) from hosts where hosts.host is not null
+                 where later.state = 'waiting' and later.owner = receivers.owner and later.host > receivers.host
+             ) from receivers where receivers.host is not null
          ) "
+    };
+}
+
+/// The first delivery of a receiver, of those that were sent before or of the others.
+macro_rules! first_of_receiver {
+    ($sent_before:literal) => {
+        concat!(
+            "(select seq from webhook_deliveries as of_receiver
+              where of_receiver.state = 'waiting' and of_receiver.owner = receivers.owner
+                  and of_receiver.host = receivers.host and of_receiver.sent_before = ",
+            $sent_before,
+            " order by of_receiver.next_at, of_receiver.seq limit 1)"
+        )
     };
 }
 
@@ -131,71 +173,56 @@ impl Store {
         row.fetch_optional(self.readers()).await?.as_ref().map(webhook).transpose()
     }
 
-    /// At most `limit` deliveries that are due, one for each host that is not in `busy`: of each host the one that has
-    /// been due longest, of those that were sent before or of the others.
-    pub(crate) async fn due_deliveries(
-        &self,
-        busy: &[String],
-        sent_before: bool,
-        limit: usize,
-    ) -> Result<Vec<Delivery>, StoreError> {
+    /// Of each receiver the delivery that is due first, of those that were sent before and of the others.
+    pub(crate) async fn waiting_by_receiver(&self) -> Result<Vec<WaitingDelivery>, StoreError> {
         let now = self.now_us();
         let found = query(concat!(
-            waiting_hosts!(),
-            "select due.seq, due.id, due.host, due.body, due.attempts, due.created_at, due.url
-             from hosts cross join webhook_deliveries as due
-             where due.seq = (
-                     select seq from webhook_deliveries
-                     where state = 'waiting' and host = hosts.host and sent_before = ?3 and next_at <= ?1
-                     order by next_at, seq limit 1
-                 )
-                 and hosts.host not in (select value from json_each(?2))
-             order by due.next_at, due.seq limit ?4",
+            waiting_receivers!(),
+            "select due.seq, due.owner, due.host, due.sent_before, due.next_at
+             from receivers cross join webhook_deliveries as due
+             where receivers.host is not null and due.seq in (",
+            first_of_receiver!("false"),
+            ", ",
+            first_of_receiver!("true"),
+            ")"
         ))
-        .bind(now)
-        .bind(to_json(&busy)?)
-        .bind(sent_before)
-        .bind(limit as i64)
         .fetch_all(self.readers())
         .await?;
-        found
-            .iter()
-            .map(|row| {
-                let age = now.saturating_sub(row.try_get("created_at")?).max(0);
-                Ok(Delivery {
-                    seq: row.try_get("seq")?,
-                    id: row.try_get("id")?,
-                    url: row.try_get("url")?,
-                    host: row.try_get("host")?,
-                    body: row.try_get("body")?,
-                    attempts: row.try_get("attempts")?,
-                    age: Duration::from_micros(age.cast_unsigned()),
-                })
+        let waiting = |row: &Row| {
+            let next_at: i64 = row.try_get("next_at")?;
+            Ok(WaitingDelivery {
+                seq: row.try_get("seq")?,
+                receiver: Receiver { owner: row.try_get("owner")?, host: row.try_get("host")? },
+                sent_before: row.try_get("sent_before")?,
+                next_at,
+                due_in: Duration::from_micros(next_at.saturating_sub(now).max(0).cast_unsigned()),
             })
-            .collect()
+        };
+        found.iter().map(waiting).collect()
     }
 
-    /// Time until the next delivery to a host that is not in `busy` is due, of those that were sent before or of the
-    /// others; `None` where none waits.
-    pub(crate) async fn next_delivery(
-        &self,
-        busy: &[String],
-        sent_before: bool,
-    ) -> Result<Option<Duration>, StoreError> {
-        let next: Option<i64> = query(concat!(
-            waiting_hosts!(),
-            "select min((
-                 select min(next_at) from webhook_deliveries
-                 where state = 'waiting' and host = hosts.host and sent_before = ?2
-             )) from hosts where hosts.host not in (select value from json_each(?1))",
-        ))
-        .bind(to_json(&busy)?)
-        .bind(sent_before)
-        .scalar(self.readers())
+    /// A delivery that waits; `None` where it is gone.
+    pub(crate) async fn delivery(&self, seq: i64) -> Result<Option<Delivery>, StoreError> {
+        let row = query(
+            "select id, host, body, attempts, created_at, url from webhook_deliveries
+             where seq = ? and state = 'waiting'",
+        )
+        .bind(seq)
+        .fetch_optional(self.readers())
         .await?;
-        let until =
-            |next: i64| Duration::from_micros(next.saturating_sub(self.now_us()).max(0).cast_unsigned());
-        Ok(next.map(until))
+        let read = |row: Row| {
+            let age = self.now_us().saturating_sub(row.try_get("created_at")?).max(0);
+            Ok(Delivery {
+                seq,
+                id: row.try_get("id")?,
+                url: row.try_get("url")?,
+                host: row.try_get("host")?,
+                body: row.try_get("body")?,
+                attempts: row.try_get("attempts")?,
+                age: Duration::from_micros(age.cast_unsigned()),
+            })
+        };
+        row.map(read).transpose()
     }
 
     /// How many deliveries wait.

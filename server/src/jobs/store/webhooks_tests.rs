@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use packstone_engine::Limits;
 use serde_json::{Value, json};
 
-use super::tests::{fresh, submit, succeed};
+use super::tests::{fresh, submit, submit_as, succeed};
 use super::*;
 use crate::accounts::Submitter;
 use crate::failure::{Failure, FailureCode};
@@ -17,10 +17,15 @@ use crate::studies::{Facts, Study};
 const URL: &str = "http://hooks.example/in?token=t";
 const MINUTE: Duration = Duration::from_mins(1);
 
-/// What is due, first attempts before others.
+/// What is due of each receiver, first attempts before others.
 async fn due(store: &Store) -> Vec<Delivery> {
-    let mut found = store.due_deliveries(&[], false, 100).await.unwrap();
-    found.extend(store.due_deliveries(&[], true, 100).await.unwrap());
+    let mut waiting = store.waiting_by_receiver().await.unwrap();
+    waiting.retain(|delivery| delivery.due_in.is_zero());
+    waiting.sort_by_key(|delivery| (delivery.sent_before, delivery.next_at, delivery.seq));
+    let mut found = Vec::new();
+    for delivery in waiting {
+        found.push(store.delivery(delivery.seq).await.unwrap().unwrap());
+    }
     found
 }
 
@@ -70,7 +75,7 @@ async fn the_end_of_a_job_records_one_message_and_the_request_has_no_url() {
     assert_eq!((before.url.as_str(), before.state, before.attempts), (URL, DeliveryState::Waiting, 0));
     assert_eq!(before.next_attempt_at, None);
     let lease = claim(&store).await;
-    assert_eq!((due(&store).await.len(), store.next_delivery(&[], false).await.unwrap()), (0, None));
+    assert_eq!(store.waiting_by_receiver().await.unwrap(), []);
     succeed(&store, lease).await;
     let without = claim(&store).await;
     succeed(&store, without).await;
@@ -95,10 +100,12 @@ async fn the_end_of_a_job_records_one_message_and_the_request_has_no_url() {
     assert_eq!((seen.state, seen.attempts, seen.last_status), (DeliveryState::Waiting, 1, Some(503)));
     assert_eq!(seen.last_error.as_deref(), Some("no answer"));
     assert_eq!((due(&store).await.len(), store.waiting_deliveries().await.unwrap()), (0, 1));
-    assert_eq!(store.next_delivery(&[], false).await.unwrap(), None);
-    let pause = store.next_delivery(&[], true).await.unwrap().unwrap();
+    let [WaitingDelivery { sent_before: true, due_in: pause, .. }] =
+        store.waiting_by_receiver().await.unwrap()[..]
+    else {
+        panic!("one delivery waits")
+    };
     assert!(pause <= MINUTE && pause > MINUTE / 2, "{pause:?}");
-    assert_eq!(store.next_delivery(&["hooks.example".into()], true).await.unwrap(), None);
 
     deliver(&store, &delivery).await;
     let seen = store.webhook_of_job(job.seq).await.unwrap().unwrap();
@@ -185,38 +192,36 @@ async fn a_study_sends_one_message_when_it_is_finished() {
 }
 
 #[tokio::test]
-async fn one_message_of_each_host_is_due_the_oldest_first() {
+async fn one_message_of_each_receiver_is_due_the_oldest_first() {
     let (_folder, store) = fresh().await;
+    let submit_ended = async |owner: &str, url: &str| {
+        let job = submit_as(&store, owner, json!({"webhook_url": url})).await.unwrap();
+        store.cancel(job.id).await.unwrap();
+    };
     for url in [
         "http://dead.example/1",
         "http://dead.example/2",
         "http://dead.example:81/3",
         "http://live.example/4",
     ] {
-        let job = submit(&store, json!({"webhook_url": url})).await;
-        store.cancel(job.id).await.unwrap();
+        submit_ended("a", url).await;
     }
-    let urls = async |busy: &[&str], limit| -> Vec<String> {
-        let busy: Vec<String> = busy.iter().map(|host| (*host).to_owned()).collect();
-        let due = store.due_deliveries(&busy, false, limit).await.unwrap();
-        due.into_iter().map(|delivery| delivery.url).collect()
-    };
-    assert_eq!(urls(&[], 9).await, ["http://dead.example/1", "http://live.example/4"]);
-    assert_eq!(urls(&[], 1).await, ["http://dead.example/1"]);
-    assert_eq!(urls(&["dead.example"], 9).await, ["http://live.example/4"]);
+    submit_ended("b", "http://dead.example/5").await;
+    let urls =
+        async || -> Vec<String> { due(&store).await.into_iter().map(|delivery| delivery.url).collect() };
+    let of_b = "http://dead.example/5";
+    assert_eq!(urls().await, ["http://dead.example/1", "http://live.example/4", of_b]);
     let first = due(&store).await.remove(0);
     let again = Attempt::Again { error: "no".into(), status: None, pause: MINUTE };
     store.record_attempt(first.seq, again).await.unwrap();
-    assert_eq!(urls(&["live.example"], 9).await, ["http://dead.example/2"]);
+    assert_eq!(urls().await, ["http://dead.example/2", "http://live.example/4", of_b]);
     // What was sent before is apart from the rest.
     let soon = Attempt::Again { error: "no".into(), status: None, pause: Duration::ZERO };
-    let live = store.due_deliveries(&["dead.example".into()], false, 1).await.unwrap().remove(0);
+    let live = due(&store).await.remove(1);
     store.record_attempt(live.seq, soon).await.unwrap();
-    assert_eq!(urls(&[], 9).await, ["http://dead.example/2"]);
-    let repeats = store.due_deliveries(&[], true, 9).await.unwrap();
-    assert_eq!(repeats, [Delivery { attempts: 1, age: repeats[0].age, ..live }]);
-    for (sent_before, next) in [(true, Some(Duration::ZERO)), (false, None)] {
-        let found = store.next_delivery(&["dead.example".into()], sent_before).await.unwrap();
-        assert_eq!(found, next, "{sent_before}");
-    }
+    assert_eq!(urls().await, ["http://dead.example/2", of_b, "http://live.example/4"]);
+    let repeat = due(&store).await.remove(2);
+    assert_eq!(repeat, Delivery { attempts: 1, age: repeat.age, ..live });
+    let receivers = store.waiting_by_receiver().await.unwrap();
+    assert_eq!(receivers.len(), 4, "both of the first host, one of each other");
 }

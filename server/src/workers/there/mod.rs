@@ -31,7 +31,7 @@ use super::task::LeaseError;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
-use crate::failure::Failure;
+use crate::failure::{Failure, FailureCode};
 use crate::ids::JobId;
 use crate::jobs::{JobProgress, Lease};
 use crate::studies::Facts;
@@ -258,7 +258,9 @@ impl There {
                     self.shared.needed_bytes.store(bytes, Ordering::Release);
                     self.shared.full.notify_waiters();
                 }
-                end(EndOutcome::Faulted, None, None)
+                let failure = (cause == Cause::NoMemory)
+                    .then(|| Failure::new(FailureCode::OutOfMemory, "the worker found no memory"));
+                end(EndOutcome::Faulted, failure, None)
             }
             Told::Released => {
                 if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {

@@ -72,7 +72,7 @@ fn export(row: &Row) -> Result<ExportRecord, StoreError> {
     })
 }
 
-fn export_id(text: &str) -> Result<ExportId, StoreError> {
+pub(super) fn export_id(text: &str) -> Result<ExportId, StoreError> {
     ExportId::parse(text).ok_or_else(|| StoreError::Row(format!("{text:?} is no export ID")))
 }
 

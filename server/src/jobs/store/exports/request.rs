@@ -221,8 +221,8 @@ fn may_be_retried(known: &ExportRecord) -> bool {
     known.state == ExportState::Failed && known.error.as_ref().is_none_or(|error| error.code.is_transient())
 }
 
-/// Ends the exports that wait or are made of a result that is given up, in the transaction that retries the job. Returns
-/// which they were.
+/// Ends the exports that wait or are made of a result that is given up, in the transaction that retries the job.
+/// Returns which they were.
 pub(in crate::jobs::store) async fn end_of_retried(
     tx: &mut Transaction<'_>,
     job: i64,

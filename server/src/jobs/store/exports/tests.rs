@@ -8,7 +8,7 @@ use packstone_engine::export::ExportRequest;
 use serde_json::json;
 
 use super::super::db::query;
-use super::super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, submit};
+use super::super::tests::{LIMITS, artifact, expire_all, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Retention, Store, StoreError};
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -210,10 +210,11 @@ async fn all_files_of_a_job_go_with_it() {
     let counts = store.export_counts().await.unwrap();
     assert!(counts.states.values().all(|n| *n == 0) && counts.cache_bytes == 0, "{counts:?}");
 
-    let expiring = submit(&store, json!({"expires_at": "2020-01-01T00:00:00Z"})).await;
+    let expiring = submit(&store, json!({"expires_at": "2030-01-01T00:00:00Z"})).await;
     let lease = store.claim().await.unwrap().unwrap().lease;
     store.succeed(lease, artifact("old"), progress(1.0), Facts::default(), vec![cut(1.0)]).await.unwrap();
     make(&store, "old-cut", 1).await;
+    expire_all(&store).await;
     let removed = store.remove_expired().await.unwrap();
     assert_eq!(
         (removed[0].id, removed[0].files.clone()),

@@ -225,7 +225,7 @@ impl Store {
         let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
         let (pause, _) = self
             .detached(async move {
-                let requeued = task.requeue_after_fault(&store).await?;
+                let requeued = task.requeue_after_fault(&store, None).await?;
                 store.notify_export(id);
                 Ok(requeued)
             })

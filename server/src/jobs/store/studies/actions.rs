@@ -214,16 +214,28 @@ impl Store {
         .await
     }
 
-    /// Removes one finished study past its time with its jobs; `None` when no such study is left.
-    pub(crate) async fn remove_expired_study(&self) -> Result<Option<Vec<Removed>>, StoreError> {
+    /// Removes one finished study past its time with its jobs; `None` when no such study is left. The time is its
+    /// `expires_at`; of one that has none, the studies that ended before `finished_before` are removed, unless one of
+    /// their jobs is to stay longer.
+    pub(crate) async fn remove_expired_study(
+        &self,
+        finished_before: Option<i64>,
+    ) -> Result<Option<Vec<Removed>>, StoreError> {
         self.freeing(move |store| async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
             let expired = query(
-                "select seq, id from studies where expires_at <= ? and finished_at is not null
-                 order by expires_at limit 1",
+                "select seq, id from studies
+                 where finished_at is not null and (
+                     expires_at <= ?1
+                     or (expires_at is null and finished_at < ?2 and not exists (
+                         select 1 from jobs where jobs.study = studies.seq and jobs.expires_at > ?1
+                     ))
+                 )
+                 order by coalesce(expires_at, finished_at) limit 1",
             )
             .bind(store.now_us())
+            .bind(finished_before)
             .fetch_optional(&mut tx)
             .await?;
             let Some(expired) = expired else { return Ok(None) };

@@ -70,6 +70,19 @@ impl Store {
         .await
     }
 
+    /// Whether a study was submitted with this key before.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(crate) async fn knows_study_key(&self, key: &IdempotencyKey) -> Result<bool, StoreError> {
+        let row = query("select 1 from study_keys where scope = ? and key = ?")
+            .bind(&key.scope)
+            .bind(&key.key)
+            .fetch_optional(self.readers())
+            .await?;
+        Ok(row.is_some())
+    }
+
     async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
         let jobs = new.study.jobs() as u64;
         let request = to_json(&new.request)?;

@@ -8,7 +8,7 @@ use packstone_engine::Limits;
 use serde_json::{Value, json};
 
 use super::super::db::{self, QueryBuilder};
-use super::super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress, submit};
+use super::super::tests::{LIMITS, artifact, expire_all, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Filter, ForecastWork, IdempotencyKey, Store, StoreError, StoreLimits};
 use super::{NewStudy, StudyFilter, StudyRecord, StudyState, SubmittedStudy, query};
 use crate::accounts::Submitter;
@@ -382,19 +382,24 @@ async fn a_key_brings_the_same_study() {
 async fn a_study_expires_with_its_jobs_and_they_with_it() {
     let (_folder, store) = fresh().await;
     let mut request = two_points(2, &json!({}));
-    request["template"]["expires_at"] = json!("2020-01-01T00:00:00Z");
+    request["template"]["expires_at"] = json!("2030-01-01T00:00:00Z");
     let expiring = take_in(&store, &request).await;
     let lasting = take_in(&store, &two_points(1, &json!({}))).await;
     let lease = claim(&store).await;
     succeed(&store, lease, 1.0).await;
+    expire_all(&store).await;
     assert_eq!(store.remove_expired().await.unwrap(), []);
-    assert_eq!(store.remove_expired_study().await.unwrap(), None, "its other jobs wait");
+    assert_eq!(store.remove_expired_study(None).await.unwrap(), None, "its other jobs wait");
     store.cancel_study(expiring.id).await.unwrap();
     store.cancel_study(lasting.id).await.unwrap();
-    let removed = store.remove_expired_study().await.unwrap().unwrap();
+    let removed = store.remove_expired_study(None).await.unwrap().unwrap();
     assert_eq!(removed.len(), 4);
-    assert_eq!(store.remove_expired_study().await.unwrap(), None);
+    assert_eq!(store.remove_expired_study(None).await.unwrap(), None);
+    // Those without a time of their own leave when they are old.
     assert!(store.study(lasting.id).await.unwrap().is_some());
+    let ended = again(&store, &lasting).await.finished_at.unwrap();
+    assert_eq!(store.remove_expired_study(Some(ended)).await.unwrap(), None);
+    assert_eq!(store.remove_expired_study(Some(ended + 1)).await.unwrap().unwrap().len(), 2);
 }
 
 #[tokio::test]
