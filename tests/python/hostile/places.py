@@ -102,8 +102,7 @@ def database_locked(rig, random):
 def results_moved(rig, random):
     """The folder of results is moved away and back; sometimes an empty one is in its place meanwhile."""
     with rig.windows.open("results moved"):
-        folder = rig.artifacts() if rig.blobs is None or random.random() < 0.5 else rig.blobs
-        away, empty = rig.disk / "away", random.random() < 0.5
+        folder, away, empty = rig.blobs, rig.disk / "away", random.random() < 0.5
         rig.results_were_away = True
         os.rename(folder, away)
         if empty:

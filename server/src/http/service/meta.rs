@@ -270,7 +270,7 @@ pub(crate) struct Health {
 pub(crate) async fn health(State(app): State<App>) -> Result<Response, Problem> {
     if app.shared.store.is_lost() {
         let detail = "the database cannot be opened any more; the server has to be restarted";
-        return Err(Problem::new(Kind::NotReady, detail));
+        return Err(Problem::new(Kind::NotReady, detail).with_header("retry-after", "5"));
     }
     Ok(axum::Json(Health { status: "ok" }).into_response())
 }
