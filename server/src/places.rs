@@ -76,6 +76,12 @@ fn in_data_dir(options: &ServeOptions) -> Result<Files, StartError> {
     Ok(Files::alone(options.data_dir.clone()))
 }
 
+/// Whether a data directory has neither results nor checkpoints.
+fn holds_nothing(data_dir: &Files) -> bool {
+    let is_empty = |folder: &str| data_dir.list(folder).is_ok_and(|found| found.is_empty());
+    ["artifacts", "checkpoints", "quarantine"].into_iter().all(is_empty)
+}
+
 /// How a mark names a database: without a password, a file by its whole path.
 pub(crate) fn named(database: &Database) -> String {
     match database.file().map(std::path::absolute) {
@@ -100,9 +106,12 @@ pub(crate) async fn claim(
     tasks::blocking(move || {
         let data_dir = Files::alone(options.data_dir.clone());
         match owner::claim(&data_dir, &owner) {
-            // The file in the directory was replaced: whether the results fit to it is looked at besides.
+            // The file in the directory was replaced: whether the results fit to it is looked at besides. A directory
+            // without files has nothing that another database could lose.
             Err(OwnerError::Other { theirs, .. })
-                if options.adopt_orphans || (is_file && theirs.store == owner.store) =>
+                if options.adopt_orphans
+                    || (is_file && theirs.store == owner.store)
+                    || holds_nothing(&data_dir) =>
             {
                 tracing::warn!(%theirs, ours = %owner, "the data directory belongs to another database from now on");
                 owner::take_over(&data_dir, &owner)?;
