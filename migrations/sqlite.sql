@@ -176,6 +176,9 @@ create table jobs (
     worker_key       text    not null default '',
     -- ID of the request that leased the job: a repeated one gets the same job again.
     claim            text,
+    -- When a worker process sent the end of the attempt, a result in `artifacts` or a failure in `error`, that is not
+    -- checked yet.
+    received_at      integer,
     -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
     -- forecasts.rs).
     forecast_us      integer not null default 60000000,
@@ -205,6 +208,8 @@ create index jobs_by_finished on jobs (coalesce(finished_at, 0), seq);
 create index jobs_by_owner on jobs (owner, seq);
 create index jobs_shared on jobs (seq) where shared;
 create index jobs_claims on jobs (claim) where claim is not null;
+-- Those whose end is to be checked.
+create index jobs_received on jobs (received_at) where received_at is not null;
 -- Those whose lease is renewed from outside, at the start of the server.
 create index jobs_of_workers on jobs (worker) where worker <> '' and state = 'running';
 
@@ -356,6 +361,22 @@ create table export_counts (
 ) strict, without rowid;
 
 insert into export_counts (state, exports) values ('queued', 0), ('running', 0), ('succeeded', 0), ('failed', 0);
+
+-- Wrong results that worker processes have sent since an administrator last allowed them.
+create table wrong_results (
+    seq        integer primary key,
+    -- Name of the API key of the worker process.
+    worker_key text    not null,
+    worker     text    not null,
+    -- ID of the job and number of the attempt.
+    job        text    not null,
+    attempt    integer not null,
+    fault      text    not null,
+    at         integer not null
+) strict;
+
+create index wrong_results_by_worker on wrong_results (worker_key, worker);
+create index wrong_results_by_job on wrong_results (job);
 
 -- Files that a committed deletion leaves behind. The sweeper removes these and no others: it moves what the database
 -- does not know to the quarantine.

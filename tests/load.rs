@@ -397,7 +397,7 @@ async fn simulated_worker(
         let leased: Value = answer.json().await.expect("leases");
         tokio::time::sleep(packs_for).await;
         let path = format!("/v1/leases/{}/1/end", leased["leases"][0]["job"].as_str().unwrap());
-        let failure = json!({"code": "target-not-reached", "detail": "simulated"});
+        let failure = json!({"code": "timed-out", "detail": "simulated"});
         let end =
             json!({"outcome": "failed", "failure": failure, "facts": {"time_s": packs_for.as_secs_f64()}});
         let answer = http.post(format!("{base}{path}")).json(&end).send().await.expect("an answer");
@@ -432,8 +432,10 @@ async fn a_thousand_simulated_workers() {
     };
     run(Instant::now() + Duration::from_secs(4)).await;
     println!("| memory, {WORKERS} workers wait | {:.0} MB |", server.peak_bytes() as f64 / 1e6);
+    // A limit of time is the end that a worker may report without figures of the packing.
+    let job = jobs::with(least_job(), "/timeout_s", json!(PACKS_FOR.as_secs_f64()));
     for _ in 0..4 {
-        client.submit_study(&study_of(&least_job(), 10_000)).await;
+        client.submit_study(&study_of(&job, 10_000)).await;
     }
     let start = Instant::now();
     let ended = run(start + LASTS).await;

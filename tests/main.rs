@@ -77,4 +77,5 @@ mod web_pages;
 mod webhooks;
 mod worker_crashes;
 mod worker_faults;
+mod worker_results;
 mod workers;

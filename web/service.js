@@ -1,9 +1,9 @@
 /** The state of the service for whoever runs it: readiness, queue, workers, disk, versions, limits. */
 import { absolute } from "./address.js";
-import { get, Problem, request } from "./api.js";
-import { badge, byId, bytes, duration, h, number, replace } from "./dom.js";
+import { get, Problem, request, send } from "./api.js";
+import { badge, byId, bytes, duration, h, number, replace, when } from "./dom.js";
 import { live } from "./live.js";
-import { report, shell } from "./shell.js";
+import { announce, report, shell } from "./shell.js";
 
 /** @typedef {(name: string, labels?: Record<string, string>) => number | null} Metric */
 
@@ -32,6 +32,12 @@ const list = (entries) =>
   );
 
 /** @param {Metric} of */
+function blockedWorkers(of) {
+  const blocked = of("packstone_workers_blocked") ?? 0;
+  return blocked ? `${number(blocked, 1)} of them get no job` : undefined;
+}
+
+/** @param {Metric} of */
 function showMetrics(of) {
   const count = (/** @type {string} */ name, /** @type {Record<string, string>} */ labels) =>
     number(of(name, labels), 1);
@@ -45,7 +51,8 @@ function showMetrics(of) {
     fact("Running", number(running, 1), `of ${count("packstone_workers", {})} on this server`),
     fact("Work that waits", duration(of("packstone_queue_work_seconds")), "CPU time, by forecast"),
     fact("Oldest waits", duration(of("packstone_queue_age_seconds"))),
-    fact("Worker processes", count("packstone_worker_processes", {})),
+    fact("Worker processes", count("packstone_worker_processes", {}), blockedWorkers(of)),
+    fact("Results to check", count("packstone_results_unchecked", {}), "of worker processes"),
     fact("Open studies", count("packstone_studies_open", {})),
   );
   replace(
@@ -90,6 +97,39 @@ function showMetrics(of) {
   );
 }
 
+/** What the table of faulty workers shows: it is made anew only where that changes, so that a button keeps its focus. */
+let shownFaulty = "";
+
+/** The worker processes that have sent wrong results, for administrators. */
+async function showFaulty() {
+  const { items } = await get("/v1/workers");
+  if (JSON.stringify(items) === shownFaulty) return;
+  shownFaulty = JSON.stringify(items);
+  byId("faulty").hidden = items.length === 0;
+  replace(
+    byId("faulty-workers"),
+    ...items.map((/** @type {any} */ item) =>
+      h(
+        "tr",
+        {},
+        h("th", { scope: "row" }, item.worker),
+        h("td", {}, item.key ?? ""),
+        h("td", { class: "number" }, number(item.wrong_results, 1), item.blocked && ", gets no job"),
+        h("td", {}, h("a", { href: absolute(`/jobs/${item.last_job}`) }, when(item.last_at))),
+        h("td", {}, item.last_fault),
+        h("td", {}, h("button", { type: "button", onclick: () => allow(item).catch(report) }, "Allow again")),
+      ),
+    ),
+  );
+}
+
+/** @param {{key: string | null, worker: string}} item */
+async function allow({ key, worker }) {
+  await send("POST", "/v1/workers/allow", { key, worker });
+  announce(`${worker} gets jobs again`);
+  await showFaulty();
+}
+
 async function update() {
   try {
     await get("/readyz", { quiet: true });
@@ -102,6 +142,10 @@ async function update() {
     const answer = await request("GET", "/metrics");
     showMetrics(metrics(await answer.text()));
     byId("figures").hidden = false;
+    await showFaulty().catch((error) => {
+      // A key for the metrics alone.
+      if (!(error instanceof Problem) || error.status !== 403) throw error;
+    });
     report();
   } catch (error) {
     if (!(error instanceof Problem) || error.status !== 403) report(error);

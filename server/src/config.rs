@@ -191,6 +191,10 @@ pub(crate) struct ServeOptions {
     /// Seconds for which a worker holds a job without a sign of life; then the job goes to another
     #[arg(long, env = "PACKSTONE_LEASE_S", default_value_t = DEFAULT_LEASE_S, value_parser = lease)]
     pub(crate) lease_s: f64,
+    /// Share of the results of worker processes whose grains the server checks pair by pair, from 0 to 1; numbers, sizes,
+    /// walls and figures are checked in any case
+    #[arg(long, env = "PACKSTONE_VERIFY_RESULTS", default_value_t = 1.0, value_parser = share)]
+    pub(crate) verify_results: f64,
     /// Seconds between two checkpoints of a running job, from which it goes on after a crash; 0 keeps one at
     /// every opportunity
     #[arg(long, env = "PACKSTONE_CHECKPOINT_EVERY_S", default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
@@ -288,6 +292,11 @@ pub(crate) fn cores() -> NonZeroUsize {
     std::thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
+/// Threads that check the results of worker processes: half of the cores, so that requests never wait for them.
+pub(crate) fn check_threads() -> usize {
+    (cores().get() / 2).max(1)
+}
+
 /// Threads of one piece of work by default, when so many may run at once.
 pub(crate) fn threads_of_one(workers: usize) -> NonZeroUsize {
     NonZeroUsize::new(cores().get() / workers.max(1)).unwrap_or(NonZeroUsize::MIN)
@@ -364,6 +373,13 @@ fn lease(text: &str) -> Result<f64, String> {
     }
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("must be a number from 0 to 1".into()),
+    }
+}
+
 fn days(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(days) if days > 0.0 && days <= MAX_DAYS => Ok(days),
@@ -421,6 +437,10 @@ mod tests {
         assert_eq!(seconds("0.5"), Ok(0.5));
         for bad in ["0", "-1", "NaN", "inf", "soon", "100000"] {
             assert!(seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!((share("0"), share("0.25"), share("1")), (Ok(0.0), Ok(0.25), Ok(1.0)));
+        for bad in ["-0.1", "1.1", "NaN", "all", ""] {
+            assert!(share(bad).is_err(), "{bad}");
         }
         assert_eq!(seconds_or_none("0"), Ok(0.0));
         for bad in ["-1", "NaN", "inf", "soon", "100000"] {

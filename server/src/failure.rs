@@ -160,6 +160,10 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) compression_cycles: Option<u64>,
+    /// Moves of grains that hard-particle Monte Carlo tried.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    pub(crate) moves: Option<u64>,
     /// Which criterion ended the growth of the grains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
@@ -290,8 +294,8 @@ impl FailureFacts {
             GrowthEffort::Events { events, simulated_time_s } => {
                 Self { events: Some(events), simulated_time_s: Some(simulated_time_s), ..Self::default() }
             }
-            GrowthEffort::Cycles { cycles, .. } => {
-                Self { compression_cycles: Some(cycles), ..Self::default() }
+            GrowthEffort::Cycles { cycles, moves } => {
+                Self { compression_cycles: Some(cycles), moves: Some(moves), ..Self::default() }
             }
         }
     }

@@ -40,6 +40,22 @@ impl LeaseEvent {
     ];
 }
 
+/// What came of the check of what a worker process has sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CheckOutcome {
+    /// It answers the request.
+    Right,
+    /// It does not.
+    Wrong,
+    /// A stop of the server, a cancellation or a fault of the machine ended the check.
+    Broken,
+}
+
+impl CheckOutcome {
+    const ALL: [(Self, &'static str); 3] =
+        [(Self::Right, "right"), (Self::Wrong, "wrong"), (Self::Broken, "broken_off")];
+}
+
 /// All counters.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
@@ -52,6 +68,8 @@ pub(crate) struct Metrics {
     /// By [`LeaseEvent`].
     leases: [AtomicU64; LeaseEvent::ALL.len()],
     workers_refused: AtomicU64,
+    /// By [`CheckOutcome`].
+    checks: Mutex<[Histogram; CheckOutcome::ALL.len()]>,
     ended: Mutex<BTreeMap<&'static str, Histogram>>,
     /// By type and outcome.
     exports: Mutex<BTreeMap<(&'static str, &'static str), Histogram>>,
@@ -123,6 +141,10 @@ pub(crate) struct Gauges {
     pub(crate) checkpoint_age_s: Option<f64>,
     /// Webhooks that wait to be sent.
     pub(crate) webhooks_waiting: u64,
+    /// Results of worker processes that wait for their check or are being checked.
+    pub(crate) unchecked: u64,
+    /// Worker processes that get no job because of their wrong results.
+    pub(crate) blocked_workers: usize,
 }
 
 impl Metrics {
@@ -140,6 +162,12 @@ impl Metrics {
     /// A worker of another build, or with other bits, was refused.
     pub(crate) fn worker_refused(&self) {
         self.workers_refused.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The check of what a worker process has sent ended after some time.
+    pub(crate) fn result_checked(&self, outcome: CheckOutcome, took: Duration) {
+        let mut checks = self.checks.lock().unwrap_or_else(PoisonError::into_inner);
+        checks[outcome as usize].record(JOB_BOUNDS_S, took);
     }
 
     /// A request was refused because its key sent too many.
@@ -324,6 +352,27 @@ impl Metrics {
             "Requests of workers of another build, or with other bits, that were refused.",
         );
         out.line(name, "", self.workers_refused.load(Ordering::Relaxed));
+        let name = "packstone_workers_blocked";
+        out.head(name, "gauge", "Worker processes that get no job because of their wrong results.");
+        out.line(name, "", gauges.blocked_workers);
+        let name = "packstone_results_unchecked";
+        out.head(
+            name,
+            "gauge",
+            "Results of worker processes that wait for their check or are being checked.",
+        );
+        out.line(name, "", gauges.unchecked);
+        let checks = self.checks.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let name = "packstone_results_checked_total";
+        out.head(name, "counter", "Checks of what worker processes have sent, by outcome.");
+        for (outcome, label) in CheckOutcome::ALL {
+            out.line(name, &format!("outcome=\"{label}\""), checks[outcome as usize].count);
+        }
+        let name = "packstone_result_check_duration_seconds";
+        out.head(name, "histogram", "Time of these checks by outcome.");
+        for (outcome, label) in CheckOutcome::ALL {
+            checks[outcome as usize].render(out, name, &format!("outcome=\"{label}\""), JOB_BOUNDS_S);
+        }
     }
 }
 

@@ -101,6 +101,9 @@ kinds! {
     WorkerRefused "worker-refused" 409 "The worker does not fit the server"
         "The worker is another build than the server, or packs other bits, so that its results could differ; `detail` \
          says which. Start the same build."
+    WorkerBlocked "worker-blocked" 409 "The worker is blocked"
+        "The worker process has sent three wrong results, so that its machine or its program is at fault. It gets no job \
+         until an administrator allows it again: on the page of the service, or by `POST /v1/workers/allow`."
     PayloadTooLarge "payload-too-large" 413 "The body is too large"
         "The body is longer than this server reads; `/v1/capabilities` tells the limit."
     UnsupportedMediaType "unsupported-media-type" 415 "Unsupported media type"

@@ -197,6 +197,10 @@ impl Service {
                 "jobs run in worker processes; they keep them if they are heard within a minute"
             );
         }
+        let unchecked = store.recover_checks().await?;
+        if unchecked > 0 {
+            tracing::info!(unchecked, "results of worker processes wait for their check");
+        }
         let recovered = store.recover_exports().await?;
         if recovered > 0 {
             tracing::info!(recovered, "models that were being made were taken back");
@@ -243,6 +247,7 @@ impl Service {
         let Self { app, executor, here, listener, connections, options, files, reload, _lock } = self;
         let (store, shutdown) = (here.store.clone(), executor.shutdown.clone());
         let router = http::router(app.clone());
+        let checks = tasks::spawn(app.shared.checks.clone().run());
         tasks::spawn(watch_settings(files.clone(), reload, shutdown.clone()));
         let workers = tasks::spawn(work(executor, here, options.clone(), files.webhook_secrets));
         let audit = files.audit;
@@ -261,6 +266,9 @@ impl Service {
         let stopped = stopped.await.unwrap_or_else(|_| Instant::now());
         if timeout_at(stopped + STOP_RUNS, workers).await.is_err() {
             tracing::error!("a run did not stop in time; its job is taken back at the next start");
+        }
+        if timeout_at(stopped + STOP_RUNS, checks).await.is_err() {
+            tracing::warn!("a check did not stop in time; it begins again after the next start");
         }
         if timeout(Duration::from_secs(1), store.close()).await.is_err() {
             tracing::warn!("the store did not close in time; nothing is lost by it");

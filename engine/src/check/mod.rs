@@ -61,8 +61,8 @@ pub use spheres::{check, check_with};
 pub enum Scope {
     /// All of them.
     All,
-    /// All but the gaps between grains: numbers, walls and grading. The time is proportional to the grains and far below
-    /// that of [`Scope::All`]; the smallest gaps of the report stay unknown.
+    /// All but the gaps between grains: numbers, walls and grading. The time is proportional to the grains and far
+    /// below that of [`Scope::All`]; the smallest gaps of the report stay unknown.
     WithoutPairs,
 }
 

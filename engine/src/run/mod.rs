@@ -3,6 +3,7 @@
 mod shaped;
 mod spheres;
 mod verify;
+mod verify_run;
 #[cfg(test)]
 mod verify_tests;
 

@@ -1,13 +1,14 @@
 //! Whether a packing, or the failure of a run, that another process reports answers its request.
 //!
-//! The sizes and shapes of the grains are drawn again from the request and its seed and must be equal in every bit, which
-//! takes time proportional to the grains. The independent check ([`check`]) judges the positions. Every
-//! figure of the report that follows from the grains is computed again and must be equal; of the others, which only the
-//! run itself knows, the bounds and their agreement with the method are checked.
+//! The sizes and shapes of the grains are drawn again from the request and its seed and must be equal in every bit,
+//! which takes time proportional to the grains. The independent check ([`check`]) judges the positions. Every figure of
+//! the report that follows from the grains is computed again and must be equal; of the others, which only the run
+//! itself knows, the bounds and their agreement with the method are checked.
 
 use std::io;
 use std::num::NonZeroUsize;
 
+use super::verify_run::{judge_run, within};
 use super::{
     Figures, Sampled, Solid, as_checked, distance_asked_mm, fraction_of, shape_volume, sphere_volume,
 };
@@ -17,19 +18,15 @@ use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, Plan
 use crate::export::tables::{self, Column, GrainSource};
 use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
-use crate::packing::{Grains, GrainsRef, GrowthEnd, MethodUsed, Report, Statistics};
+use crate::packing::{Grains, GrainsRef, GrowthEnd, Report};
 use crate::plan::{Limits, Plan};
-use crate::request::{Distance, Method, PackingRequest};
+use crate::request::{Method, PackingRequest};
 use crate::shape::Polyhedron;
 
 /// Rows that are compared at a time.
 const BLOCK_ROWS: usize = 4096;
 /// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
-/// Most points of a growth curve.
-const MOST_CURVE_POINTS: usize = 1000;
-/// Longest time that a report may state, in s: 30 years.
-const MOST_TIME_S: f64 = 1.0e9;
 /// Relative error of sums of volumes that are computed in another order.
 const ROUNDING: f64 = 1.0e-9;
 
@@ -54,7 +51,7 @@ pub enum VerifyError {
 }
 
 impl VerifyError {
-    fn wrong<T>(what: impl Into<String>) -> Result<T, Self> {
+    pub(super) fn wrong<T>(what: impl Into<String>) -> Result<T, Self> {
         Err(Self::Wrong(what.into()))
     }
 }
@@ -140,14 +137,12 @@ pub fn verify_failure(
 ) -> Result<(), VerifyError> {
     match told {
         PackError::Plan(told) => {
-            let found = match Plan::new(request, limits) {
-                Err(found) => Some(found),
-                Ok(_) => {
-                    let drawn = Drawn::new(request, control)?;
-                    deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3())
-                        .err()
-                        .map(PlanError::Coarse)
-                }
+            let found = if let Err(found) = Plan::new(request, limits) {
+                Some(found)
+            } else {
+                let drawn = Drawn::new(request, control)?;
+                let judged = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3());
+                judged.err().map(PlanError::Coarse)
             };
             match found {
                 Some(found) if found == *told => Ok(()),
@@ -419,100 +414,4 @@ fn difference(place: &str, found: &serde_json::Value, expected: &serde_json::Val
         }
         _ => Some(format!("{place} is another than it must be")),
     }
-}
-
-fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyError> {
-    if (0.0..=most).contains(&found) {
-        return Ok(());
-    }
-    VerifyError::wrong(format!("{name} is {found}: must be from 0 to {most}"))
-}
-
-/// Whether what only the run knows agrees with the request; the method that was used, and the largest distance, where
-/// that was requested.
-fn judge_run(
-    request: &PackingRequest,
-    report: &Report,
-    grains: &Grains,
-) -> Result<(MethodUsed, Option<f64>), VerifyError> {
-    let Some(used) = report.summary.method_used else {
-        return VerifyError::wrong("summary/method_used is missing");
-    };
-    let is_of_spheres = grains.spheres().is_some();
-    let may_be = match (request.method, is_of_spheres) {
-        (Method::Rsa { .. }, _) => used == MethodUsed::Rsa,
-        (Method::Edmd { .. }, _) => used == MethodUsed::Edmd,
-        (Method::MonteCarlo { .. }, _) => used == MethodUsed::MonteCarlo,
-        (Method::Auto {}, true) => {
-            matches!(used, MethodUsed::Rsa | MethodUsed::Edmd | MethodUsed::RsaThenEdmd)
-        }
-        (Method::Auto {}, false) => {
-            matches!(used, MethodUsed::Rsa | MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo)
-        }
-    };
-    if !may_be {
-        return VerifyError::wrong("summary/method_used is not a method of the request");
-    }
-    judge_statistics(used, report)?;
-    let timings = &report.timings_s;
-    for (name, found) in [
-        ("timings_s/sampling", timings.sampling),
-        ("timings_s/rsa", timings.rsa),
-        ("timings_s/edmd", timings.edmd.unwrap_or(0.0)),
-        ("timings_s/monte_carlo", timings.monte_carlo.unwrap_or(0.0)),
-        ("timings_s/check", timings.check),
-        ("timings_s/total", timings.total),
-    ] {
-        within(name, found, MOST_TIME_S)?;
-    }
-    if report.growth_curve.len() > MOST_CURVE_POINTS {
-        let found = report.growth_curve.len();
-        return VerifyError::wrong(format!(
-            "growth_curve has {found} points: must have at most {MOST_CURVE_POINTS}"
-        ));
-    }
-    for point in &report.growth_curve {
-        within("growth_curve/packing_time_s", point.packing_time_s, MOST_TIME_S)?;
-        within("growth_curve/volume_fraction", point.volume_fraction, f64::MAX)?;
-        within("growth_curve/simulated_time_s", point.simulated_time_s.unwrap_or(0.0), f64::MAX)?;
-    }
-    let Distance::Maximize { .. } = request.distance else { return Ok((used, None)) };
-    match report.summary.distance_mm {
-        Some(mm) => within("summary/distance_mm", mm, f64::MAX).map(|()| (used, Some(mm))),
-        None => VerifyError::wrong("summary/distance_mm is missing: the largest distance is requested"),
-    }
-}
-
-/// Whether the counts are those of the method that was used, and of a run that reached its target.
-fn judge_statistics(used: MethodUsed, report: &Report) -> Result<(), VerifyError> {
-    let Statistics { rsa, edmd, monte_carlo } = report.statistics;
-    let is_edmd = matches!(used, MethodUsed::Edmd | MethodUsed::RsaThenEdmd);
-    let is_monte_carlo = matches!(used, MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo);
-    let agrees = rsa.is_some()
-        && edmd.is_some() == is_edmd
-        && monte_carlo.is_some() == is_monte_carlo
-        && (is_edmd || report.timings_s.edmd.is_none())
-        && (is_monte_carlo || report.timings_s.monte_carlo.is_none())
-        && (is_edmd || is_monte_carlo || report.growth_curve.is_empty());
-    if !agrees {
-        return VerifyError::wrong("statistics, times or growth curve are those of another method");
-    }
-    if let Some(edmd) = edmd {
-        for (name, found) in [
-            ("predictions_per_event", edmd.predictions_per_event),
-            ("events_per_s", edmd.events_per_s),
-            ("simulated_time_s", edmd.simulated_time_s),
-            ("energy", edmd.energy),
-            ("reduced_pressure", edmd.reduced_pressure),
-        ] {
-            within(name, found, f64::MAX)?;
-        }
-    }
-    let scales = [edmd.map(|edmd| edmd.growth_scale), monte_carlo.map(|counted| counted.growth_scale)];
-    if let Some(scale) = scales.into_iter().flatten().find(|scale| *scale < 1.0) {
-        return VerifyError::wrong(format!(
-            "growth_scale is {scale}: the grains of a packing have grown to their size"
-        ));
-    }
-    Ok(())
 }

@@ -1,5 +1,7 @@
 //! A packing of another process is accepted as it was computed, and with any change refused.
 
+#![allow(clippy::unwrap_used)]
+
 use std::io;
 
 use serde_json::{Value, json};
@@ -49,13 +51,15 @@ fn polyhedron() -> Value {
 
 /// Requests of all kinds of grains, methods and figures.
 fn requests() -> Vec<PackingRequest> {
+    let fuller = |d_max_mm: f64| json!({"type": "fuller", "d_max_mm": d_max_mm, "exponent": 0.5});
     let aggregates = json!({
         "volume_fraction": 0.25,
         "aggregates": [
-            {"name": "gravel", "share": 0.6, "grading": {"type": "fuller", "d_max_mm": 12, "exponent": 0.5}, "d_min_mm": 6},
-            {"name": "chips", "share": 0.4, "grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "d_min_mm": 4},
+            {"name": "gravel", "share": 0.6, "grading": fuller(12.0), "d_min_mm": 6},
+            {"name": "chips", "share": 0.4, "grading": fuller(8.0), "d_min_mm": 4},
         ],
     });
+    let stopped = json!({"type": "edmd", "stop": {"events": 20_000}});
     let periodic = json!({"type": "box", "size_mm": [30, 30, 30], "boundary": "periodic"});
     let mixture = json!({"type": "mixture", "of": [
         {"share": 0.5, "shape": ellipsoid()}, {"share": 0.5, "shape": polyhedron()},
@@ -63,10 +67,7 @@ fn requests() -> Vec<PackingRequest> {
     vec![
         request(graded(0.3), &json!({})),
         request(graded(0.4), &json!({"method": {"type": "edmd"}})),
-        request(
-            graded(0.3),
-            &json!({"distance": {"type": "maximize"}, "method": {"type": "edmd", "stop": {"events": 20_000}}}),
-        ),
+        request(graded(0.3), &json!({"distance": {"type": "maximize"}, "method": stopped})),
         request(graded(0.2), &json!({"specimen": periodic})),
         request(aggregates, &json!({})),
         request(
@@ -181,11 +182,13 @@ fn a_size_or_an_aggregate_that_differs_in_its_last_bit_is_found() {
     }
 }
 
+type Change = &'static dyn Fn(&mut Packing);
+
 #[test]
 fn a_report_that_tells_of_another_packing_is_refused() {
     let request = requests().swap_remove(1);
     let right = packed(&request);
-    let changes: [(&str, &dyn Fn(&mut Packing)); 10] = [
+    let changes: [(&str, Change); 10] = [
         ("summary/grains", &|p| p.report.summary.grains += 1),
         ("summary/volume_fraction_effective", &|p| p.report.summary.volume_fraction_effective *= 1.01),
         ("method_used", &|p| p.report.summary.method_used = Some(MethodUsed::Rsa)),

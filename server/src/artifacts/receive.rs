@@ -6,7 +6,7 @@ use std::io;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use packstone_engine::export::tables::{self, GrainSource as _};
+use packstone_engine::export::tables::{EngineInfo, GrainSource as _, stored};
 use packstone_engine::{Report, Unattended};
 use serde_json::{Map, Value};
 
@@ -14,6 +14,11 @@ use super::read::StoredResult;
 use super::{Artifacts, InFlight, blob};
 use crate::blobs::blocks::{BlockSums, CheckedFile};
 use crate::jobs::ArtifactRecord;
+
+/// Most bytes of a report with the templates of polyhedra: more than any has.
+const MOST_REPORT_BYTES: u64 = 16 << 20;
+/// Most bytes of a grain: 14 columns.
+const MOST_BYTES_OF_GRAIN: u64 = 112;
 
 /// What a result must be.
 #[derive(Clone, Debug)]
@@ -32,7 +37,6 @@ pub(crate) struct Expected {
 #[derive(Debug)]
 pub(crate) struct Received {
     pub(crate) artifact: ArtifactRecord,
-    pub(crate) report: Report,
     pub(crate) grains: u64,
 }
 
@@ -42,7 +46,10 @@ pub(crate) enum ReceiveError {
     /// It did not come to its end.
     #[error("the file ended early")]
     Broken,
-    /// It is not what its sender says it is.
+    /// It is not the file that its sender says it is; it may have been damaged on its way.
+    #[error("{0}")]
+    Damaged(String),
+    /// It is no result of the job.
     #[error("{0}")]
     Unexpected(String),
     /// It cannot be written or read.
@@ -83,7 +90,7 @@ impl Artifacts {
             examine(file, expected, sha256).map(|found| examined = Some(found))
         };
         let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
-        let Some((report, grains, format_lengths)) = examined else { return Err(ReceiveError::Broken) };
+        let Some((report, grains)) = examined else { return Err(ReceiveError::Broken) };
         let shown = match serde_json::to_value(&report).map_err(io::Error::from)? {
             Value::Object(shown) => shown,
             _ => Map::new(),
@@ -93,32 +100,69 @@ impl Artifacts {
             bytes,
             sha256,
             report: shown,
-            format_revision: tables::REVISION,
-            format_lengths,
+            // Counted when the result is checked.
+            format_revision: 0,
+            format_lengths: BTreeMap::new(),
         };
-        Ok(Received { artifact, report, grains })
+        Ok(Received { artifact, grains })
     }
 }
 
-/// Makes sure that a file is the result of a job; its report, the number of its grains, and the lengths of its formats.
-fn examine(
-    file: CheckedFile,
-    expected: &Expected,
-    sha256: &str,
-) -> Result<(Report, u64, BTreeMap<String, u64>), ReceiveError> {
+/// Makes sure that a file is the result of a job; its report and the number of its grains.
+fn examine(file: CheckedFile, expected: &Expected, sha256: &str) -> Result<(Report, u64), ReceiveError> {
     if sha256 != expected.sha256 {
         let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
-        return Err(ReceiveError::Unexpected(text));
+        return Err(ReceiveError::Damaged(text));
     }
-    let stored = StoredResult::of(file).map_err(|error| match error.kind() {
+    check_head(&file, expected)?;
+    let result = StoredResult::of(file).map_err(|error| match error.kind() {
         io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
             ReceiveError::Unexpected(format!("the file is no result: {error}"))
         }
         _ => ReceiveError::Io(error),
     })?;
-    let head = stored.head();
+    let head = result.head();
     if head.job_id.as_deref() != Some(expected.job.as_str()) || head.request != expected.request {
         return Err(ReceiveError::Unexpected("the file is the result of another request".into()));
     }
-    Ok((head.report.clone(), stored.len() as u64, stored.count_lengths()?))
+    if head.engine != EngineInfo::current() {
+        return Err(ReceiveError::Unexpected("the file is the result of another engine".into()));
+    }
+    Ok((head.report.clone(), result.len() as u64))
+}
+
+/// Most bytes of a result of so many grains, whose request has so many bytes as JSON.
+pub(crate) fn most_bytes_of_result(grains: u64, request_bytes: u64) -> u64 {
+    most_head_bytes(request_bytes).saturating_add(grains.saturating_mul(MOST_BYTES_OF_GRAIN))
+}
+
+/// Most bytes of the head of a result: the request, the templates and the report.
+fn most_head_bytes(request_bytes: u64) -> u64 {
+    MOST_REPORT_BYTES.saturating_add(request_bytes.saturating_mul(2))
+}
+
+/// Refuses a head that is longer than that of any result, before it is read into memory, and a number of grains for
+/// which the file is too short.
+fn check_head(file: &CheckedFile, expected: &Expected) -> Result<(), ReceiveError> {
+    let mut lengths = [0; 16];
+    match file.read_exact_at(&mut lengths, stored::MAGIC_BYTES as u64) {
+        // The layout refuses it.
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
+        read => read?,
+    }
+    let number =
+        |at: usize| lengths[at..at + 8].iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte));
+    let (head, grains) = (number(0), number(8));
+    let most = most_head_bytes(expected.request.to_string().len() as u64);
+    if head > most {
+        let text = format!("the head of the file has {head} bytes: must have at most {most}");
+        return Err(ReceiveError::Unexpected(text));
+    }
+    let most = file.length() / 8;
+    if grains > most {
+        let text =
+            format!("the file is no result: it names {grains} grains and has bytes for {most} numbers");
+        return Err(ReceiveError::Unexpected(text));
+    }
+    Ok(())
 }

@@ -12,7 +12,7 @@ use crate::accounts::{Accounts, Caller};
 use crate::artifacts::Artifacts;
 use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
-use crate::config::ServeOptions;
+use crate::config::{ServeOptions, check_threads};
 use crate::disk::Disk;
 use crate::http::computing::ComputePool;
 use crate::http::hosts::Hosts;
@@ -27,6 +27,7 @@ use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
 use crate::webhooks::signature::SecretsFile;
+use crate::workers::checks::Checks;
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
 use crate::workers::packing::Packings;
@@ -53,6 +54,8 @@ pub(crate) struct Shared {
     pub(crate) store: Store,
     pub(crate) artifacts: Artifacts,
     pub(crate) checkpoints: Checkpoints,
+    /// What is sent by worker processes is checked by these.
+    pub(crate) checks: Checks,
     pub(crate) disk: Disk,
     /// Whether clients are sent to the storage for what lies there as it is sent.
     pub(crate) blobs_redirect: bool,
@@ -141,6 +144,16 @@ impl App {
                 store: here.store.clone(),
                 artifacts: packings.artifacts.clone(),
                 checkpoints: packings.checkpoints.clone(),
+                checks: Checks {
+                    store: here.store.clone(),
+                    artifacts: packings.artifacts.clone(),
+                    checkpoints: packings.checkpoints.clone(),
+                    metrics: Arc::clone(&packings.metrics),
+                    limits: here.limits,
+                    threads: check_threads(),
+                    share: options.verify_results,
+                    shutdown: shutdown.clone(),
+                },
                 disk: packings.disk.clone(),
                 blobs_redirect: options.blobs_redirect,
                 storage: here.storage.clone(),

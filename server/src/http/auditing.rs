@@ -34,6 +34,7 @@ fn action(method: &Method, route: &str) -> Option<String> {
         ("DELETE", "/v1/studies/{id}") => "delete_study",
         ("POST", "/v1/studies/{id}/cancel") => "cancel_study",
         ("POST", "/v1/studies/{id}/retry") => "retry_study",
+        ("POST", "/v1/workers/allow") => "allow_worker",
         _ => return Some(format!("{method} {route}")),
     };
     Some(named.to_owned())

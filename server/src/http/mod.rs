@@ -40,6 +40,7 @@ mod submission;
 mod waiting;
 pub(crate) mod web;
 mod webhooks;
+mod workers;
 
 pub(crate) use app::{App, OperatorFiles};
 pub(crate) use contract::YAML as OPENAPI_YAML;

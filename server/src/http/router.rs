@@ -16,7 +16,7 @@ use crate::base_path;
 use crate::http::app::App;
 use crate::http::response::protect;
 use crate::http::{
-    contract, events, exports, jobs, leases, observe, results, service, session, studies, web,
+    contract, events, exports, jobs, leases, observe, results, service, session, studies, web, workers,
 };
 use crate::problem::{Kind, Problem};
 
@@ -82,6 +82,8 @@ routes! {
     put "/v1/leases/{job}/{attempt}/checkpoint" => leases::checkpoint: put,
     put "/v1/leases/{job}/{attempt}/result" => leases::result: put,
     post "/v1/leases/{job}/{attempt}/end" => leases::end: end,
+    get "/v1/workers" => workers: list,
+    post "/v1/workers/allow" => workers: allow,
     get "/v1/capabilities" => service::meta: capabilities,
     get "/v1/key" => service::key: get,
     post "/session" => session: begin,

@@ -24,6 +24,10 @@ const MAX_RENEWALS: usize = 2 * MAX_SLOTS as usize;
 pub(crate) const MAX_REMAINING_S: f64 = 1e9;
 /// Longest name of a worker, in characters.
 pub(crate) const MAX_NAME_CHARS: usize = 100;
+/// Longest name of what progress counts, in characters.
+const MAX_UNIT_CHARS: usize = 32;
+/// Longest message of progress, in characters.
+const MAX_MESSAGE_CHARS: usize = 300;
 /// Longest ID of a claim, in characters.
 const MAX_CLAIM_CHARS: usize = 64;
 
@@ -58,6 +62,14 @@ fn pointer_of(path: &serde_path_to_error::Path) -> String {
             Segment::Enum { .. } | Segment::Unknown => None,
         })
         .collect()
+}
+
+/// A line of text for people.
+fn line(faults: &mut Vec<FieldError>, pointer: &str, text: &str, most: usize) {
+    bounded(faults, pointer, text, most);
+    if text.chars().any(char::is_control) {
+        faults.push(FieldError::new(pointer, "has a control character: must be one line of text"));
+    }
 }
 
 fn bounded(faults: &mut Vec<FieldError>, pointer: &str, text: &str, most: usize) {
@@ -96,7 +108,7 @@ impl Checked for LeaseRequest {
     fn faults(&self) -> Vec<FieldError> {
         let mut faults = Vec::new();
         bounded(&mut faults, "/claim", &self.claim, MAX_CLAIM_CHARS);
-        bounded(&mut faults, "/worker", &self.worker, MAX_NAME_CHARS);
+        line(&mut faults, "/worker", &self.worker, MAX_NAME_CHARS);
         if self.slots > MAX_SLOTS {
             let detail = format!("{} is out of range: must be from 0 to {MAX_SLOTS}", self.slots);
             faults.push(FieldError::new("/slots", detail));
@@ -234,7 +246,31 @@ impl Checked for RenewalRequest {
                 let detail = format!("{} is out of range: must be from 0 to 1", progress.fraction);
                 fault("progress/fraction", detail);
             }
-            let events = progress.growth.map_or(0, |growth| growth.events);
+            for (member, text, most) in
+                [("unit", &progress.unit, MAX_UNIT_CHARS), ("message", &progress.message, MAX_MESSAGE_CHARS)]
+            {
+                let length = text.chars().count();
+                if length > most || text.chars().any(char::is_control) {
+                    let detail = format!("has {length} characters: must be one line of at most {most}");
+                    fault(&format!("progress/{member}"), detail);
+                }
+            }
+            let growth = progress.growth;
+            for (member, found) in [
+                ("eta_s", progress.eta_s),
+                ("growth/volume_fraction", growth.map(|growth| growth.volume_fraction)),
+                ("growth/distance_mm", growth.and_then(|growth| growth.distance_mm)),
+                ("growth/events_per_s", growth.map(|growth| growth.events_per_s)),
+                ("growth/reduced_pressure", growth.and_then(|growth| growth.reduced_pressure)),
+            ] {
+                if let Some(found) = found.filter(|found| !(0.0..=f64::MAX).contains(found)) {
+                    fault(
+                        &format!("progress/{member}"),
+                        format!("{found} is out of range: must be at least 0"),
+                    );
+                }
+            }
+            let events = growth.map_or(0, |growth| growth.events);
             for (member, count) in
                 [("done", progress.done), ("total", progress.total), ("growth/events", events)]
             {
@@ -375,6 +411,7 @@ mod tests {
             ("slots", json!(1025), "/slots"),
             ("slots", json!("two"), "/slots"),
             ("worker", json!(""), "/worker"),
+            ("worker", json!("one\ntwo"), "/worker"),
             ("claim", json!("x".repeat(65)), "/claim"),
             ("remaining_s", json!(-1), "/remaining_s"),
             ("remaining_s", json!(1e10), "/remaining_s"),
@@ -398,11 +435,26 @@ mod tests {
             progress[member] = value;
             json!({"renewals": [{"job": JobId::new(), "attempt": 1, "progress": progress}]})
         };
+        let growth = |member: &str, value: Value| {
+            let mut growth = json!({
+                "volume_fraction": 0.5, "distance_mm": 0.1, "events": 1, "events_per_s": 1.0, "reduced_pressure": null,
+                "predictable": true,
+            });
+            growth[member] = value;
+            progress("growth", growth)
+        };
         assert!(RenewalRequest::read(progress("done", json!(2))).is_ok());
+        assert!(RenewalRequest::read(growth("events", json!(2))).is_ok());
         for (request, pointer) in [
             (renewal(json!(0)), "/renewals/0/attempt"),
             (progress("fraction", json!(1.5)), "/renewals/0/progress/fraction"),
             (progress("total", json!(1_u64 << 63)), "/renewals/0/progress/total"),
+            (progress("unit", json!("x".repeat(33))), "/renewals/0/progress/unit"),
+            (progress("message", json!("x".repeat(301))), "/renewals/0/progress/message"),
+            (progress("message", json!("two\nlines")), "/renewals/0/progress/message"),
+            (progress("eta_s", json!(-1)), "/renewals/0/progress/eta_s"),
+            (growth("distance_mm", json!(-0.5)), "/renewals/0/progress/growth/distance_mm"),
+            (growth("events_per_s", json!(-1e300)), "/renewals/0/progress/growth/events_per_s"),
         ] {
             let faults = RenewalRequest::read(request).expect_err("a value out of its bounds");
             assert_eq!(faults[0].pointer, pointer, "{faults:?}");

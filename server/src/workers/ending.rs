@@ -7,7 +7,7 @@ use crate::failure::{Failure, FailureCode};
 use crate::studies::Facts;
 
 /// How often a task is requeued that finds no memory.
-const MEMORY_FAULTS: i64 = 5;
+pub(crate) const MEMORY_FAULTS: i64 = 5;
 
 /// How a run ended that is to make an `M`.
 pub(crate) enum End<M> {

@@ -52,7 +52,8 @@ pub(crate) async fn get(
 
 /// Leave a checkpoint
 ///
-/// It replaces those of the job before. The lease goes on.
+/// It replaces those of the job before. The lease goes on. What is no checkpoint, or is damaged,
+/// is refused.
 #[cfg_attr(test, utoipa::path(
     put, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
     params(LeasePath),
@@ -72,7 +73,8 @@ pub(crate) async fn put(
 ) -> Result<Response, Problem> {
     running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
     let alone = app.receive_alone(format!("checkpoint of {}", path.id))?;
-    let room = app.shared.disk.room();
+    // Reading it takes as much memory, which a state of the packing does not exceed.
+    let room = app.shared.disk.room().min(app.shared.limits.max_memory_bytes);
     check_length(&headers, room)?;
     let (checkpoints, disk) = (app.shared.checkpoints.clone(), app.shared.disk.clone());
     let kept = upload::take(body, move |pieces| {

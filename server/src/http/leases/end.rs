@@ -1,24 +1,35 @@
 //! A worker tells that an attempt has ended without a result.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
+use jiff::Timestamp;
+use packstone_engine::FieldError;
 
-use super::{LeasePath, note_end, read, recorded, refused, remove_checkpoints, running};
+use super::{LeasePath, lost, note_end, read, recorded, refused, remove_checkpoints, running};
 use crate::accounts::Caller;
+use crate::artifacts::receive::most_bytes_of_result;
 use crate::failure::{Failure, FailureCode};
 use crate::http::app::App;
 use crate::http::body;
 use crate::http::params::{NoParameters, Query};
-use crate::jobs::WaitReason;
+use crate::jobs::{JobRecord, Lease, WaitReason};
+use crate::metrics::LeaseEvent;
 use crate::problem::Problem;
+use crate::studies::Facts;
+use crate::workers::checks::checking;
+use crate::workers::claims::{self, Attempt, Claim};
 use crate::workers::documents::{EndOutcome, EndRequest};
+use crate::workers::here::run_limit_s;
 
 /// End a lease without a result
 ///
-/// The job has failed, was cancelled, or goes back to the queue. A repeated request is answered as the first was.
+/// The job has failed, was cancelled, or goes back to the queue. A failure must be one that a worker can know; one that
+/// follows from the request is verified before the job fails. A repeated request is answered as the first was.
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases/{job}/{attempt}/end", tag = "workers", operation_id = "end_lease",
     params(LeasePath),
@@ -41,10 +52,13 @@ pub(crate) async fn end(
         return Ok(recorded().into_response());
     };
     let store = &app.shared.store;
-    let job = store.get(path.id).await?;
+    let job = store.get(path.id).await?.ok_or_else(lost)?;
     let (outcome, ended) = match (request.outcome, request.failure) {
-        (EndOutcome::Failed, Some(failure)) => {
-            ("failed", store.fail(lease, &failure, request.facts.unwrap_or_default()).await)
+        (EndOutcome::Failed, Some(failure)) => return failed(&app, path, lease, &job, failure).await,
+        (EndOutcome::Cancelled, _) if !job.cancel_requested => {
+            let fault =
+                FieldError::new("/outcome", "no client has cancelled the job: must not be `cancelled`");
+            return Err(Failure::invalid(vec![fault]).into());
         }
         (EndOutcome::Cancelled, _) => ("cancelled", store.finish_cancelled(lease).await),
         (EndOutcome::Released, _) => ("given_back", store.give_back(lease).await),
@@ -57,15 +71,59 @@ pub(crate) async fn end(
             };
             let requeued = store.requeue_after_fault(lease, why).await;
             if let (Ok(owner), Some(bytes)) = (&requeued, request.needed_bytes) {
+                // No result needs more: the job would wait for ever.
+                let bytes = bytes.min(most_bytes_of_result(app.shared.limits.max_grains, 0));
                 app.shared.storage.wait_for_room(owner, bytes).await;
             }
             ("requeued", requeued.map(drop))
         }
     };
     ended.map_err(|error| refused(&app, error))?;
-    note_end(&app, path, outcome, job.and_then(|job| job.started_at));
-    if matches!(request.outcome, EndOutcome::Failed | EndOutcome::Cancelled) {
+    note_end(&app, path, outcome, job.started_at);
+    if request.outcome == EndOutcome::Cancelled {
         remove_checkpoints(&app, path);
     }
+    Ok(recorded().into_response())
+}
+
+/// Ends an attempt with the failure that its worker reports, as far as the worker can know it.
+async fn failed(
+    app: &App,
+    path: LeasePath,
+    lease: Lease,
+    job: &JobRecord,
+    failure: Failure,
+) -> Result<Response, Problem> {
+    let store = &app.shared.store;
+    let ran_us = job.started_at.map_or(0, |at| (Timestamp::now().as_microsecond() - at).max(0));
+    let ran = Duration::from_micros(ran_us.unsigned_abs());
+    let timeout_s = run_limit_s(job.timeout_s, app.shared.max_run_s);
+    let attempt = Attempt { timeout_s, ran, faults: store.faults_of(job.seq).await? };
+    let claim = claims::judge(failure, attempt).map_err(|fault| {
+        app.shared.metrics.lease(LeaseEvent::Refused, 1);
+        Failure::invalid(vec![fault])
+    })?;
+    let (outcome, ended) = match claim {
+        // Its end is told when it is verified.
+        Claim::ToVerify(failure) => {
+            store.receive_failure(lease, failure, checking(0)).await.map_err(|error| refused(app, error))?;
+            return Ok(recorded().into_response());
+        }
+        Claim::Accepted(failure) => {
+            let facts = Facts { time_s: ran.as_secs_f64(), ..Facts::default() };
+            ("failed", store.fail(lease, &failure, facts).await.map(|()| true))
+        }
+        Claim::Suspected(failure) => {
+            let (job_id, attempt, code) = (path.id, path.attempt, failure.code.name());
+            tracing::error!(
+                %job_id, attempt, worker = job.worker, code, detail = failure.detail,
+                "a worker reports a defect: its program, or its machine, is at fault"
+            );
+            ("failed", store.retry_after_defect(lease, failure).await)
+        }
+    };
+    let has_ended = ended.map_err(|error| refused(app, error))?;
+    note_end(app, path, if has_ended { outcome } else { "requeued" }, job.started_at);
+    remove_checkpoints(app, path);
     Ok(recorded().into_response())
 }

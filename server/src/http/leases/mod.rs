@@ -111,7 +111,7 @@ pub(super) fn refused(app: &App, error: StoreError) -> Problem {
 ///
 /// # Errors
 /// `malformed-json` or `validation-error`.
-pub(super) fn read<T: Checked>(value: Value) -> Result<T, Problem> {
+pub(crate) fn read<T: Checked>(value: Value) -> Result<T, Problem> {
     Ok(T::read(value).map_err(Failure::invalid)?)
 }
 

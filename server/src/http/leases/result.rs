@@ -1,4 +1,6 @@
-//! A worker sends the result of an attempt, which ends the job.
+//! A worker sends the result of an attempt. The job succeeds once it is checked.
+
+use std::time::Instant;
 
 use axum::Extension;
 use axum::body::Body;
@@ -8,21 +10,18 @@ use axum::response::{IntoResponse as _, Response};
 use tracing::Instrument as _;
 
 use super::checkpoint::{check_length, of_disk};
-use super::{LeasePath, lost, note_end, recorded, refused, remove_checkpoints, running, upload};
+use super::{LeasePath, lost, recorded, refused, running, upload};
 use crate::accounts::Caller;
-use crate::artifacts::receive::{Expected, ReceiveError};
-use crate::exports::NewExport;
-use crate::failure::Failure;
+use crate::artifacts::receive::{Expected, ReceiveError, most_bytes_of_result};
 use crate::http::app::App;
 use crate::http::body::linger;
 use crate::http::params::values::Sha256;
 use crate::http::params::{Query, parameters};
-use crate::jobs::JobRequest;
 use crate::jobs::store::StoreError;
+use crate::metrics::CheckOutcome;
 use crate::problem::{Fault, Problem};
-use crate::studies::Facts;
 use crate::tasks;
-use crate::workers::packing::complete;
+use crate::workers::checks::checking;
 
 parameters! {
     /// What the file is.
@@ -35,14 +34,15 @@ parameters! {
 
 /// End a lease with its result
 ///
-/// The body is the stored form of the packing. The server checks its digest, that it is whole, and that it answers the
-/// request of the job. A repeated request is answered as the first was.
+/// The body is the stored form of the packing. The server refuses what has another digest, is not whole, or is of
+/// another request. What it accepts is checked after the answer: the job runs on, and succeeds if the packing is right;
+/// if not, it is requeued, and the wrong result counts for the worker. A repeated request is answered as the first was.
 #[cfg_attr(test, utoipa::path(
     put, path = "/v1/leases/{job}/{attempt}/result", tag = "workers", operation_id = "put_result",
     params(LeasePath, ResultParameters),
     request_body(content_type = "application/octet-stream", description = "The stored form of the result"),
     responses(
-        (status = 200, description = "The job has succeeded", body = super::LeaseEnded),
+        (status = 200, description = "The result is received", body = super::LeaseEnded),
         crate::http::problems::sets::LeaseFileProblems
     )
 ))]
@@ -78,12 +78,15 @@ async fn take_in(
         linger(body);
         return Ok(recorded().into_response());
     };
+    let began = Instant::now();
     let store = &app.shared.store;
     let job = store.get(path.id).await?.ok_or_else(lost)?;
     let request = store.request(job.seq).await?;
-    let most_bytes = app.shared.storage.room(&job.owner).await?.0;
+    let limits = &app.shared.limits;
+    let most_bytes = most_bytes_of_result(limits.max_grains, request.to_string().len() as u64);
+    let most_bytes = app.shared.storage.room(&job.owner).await?.0.min(most_bytes);
     check_length(&headers, most_bytes)?;
-    let expected = Expected { job: path.id.to_string(), request: request.clone(), sha256, most_bytes };
+    let expected = Expected { job: path.id.to_string(), request, sha256, most_bytes };
     let (artifacts, disk) = (app.shared.artifacts.clone(), app.shared.disk.clone());
     let place = artifacts.begin(&path.id.to_string(), path.attempt);
     let received = upload::take(body, move |pieces| {
@@ -91,16 +94,22 @@ async fn take_in(
         (artifacts.receive(&place, &expected, next), place)
     });
     let (received, place) = received.await?;
-    let received = received.map_err(|error| match error {
-        ReceiveError::Io(error) => of_disk(&error, &disk),
-        other => Problem::parameters(vec![Fault::parameter("sha256", other.to_string())]),
-    })?;
-    let postprocess = JobRequest::read(&request, 0, None).map_err(Failure::invalid)?.postprocess;
-    let sha256 = &received.artifact.sha256;
-    let exports = postprocess.items().iter().map(|(_, item)| NewExport::new(item, sha256)).collect();
-    let facts = Facts::of_packing(&received.report);
+    let received = match received {
+        Ok(received) => received,
+        Err(ReceiveError::Io(error)) => return Err(of_disk(&error, &disk)),
+        Err(error) => {
+            let fault = error.to_string();
+            if let ReceiveError::Unexpected(_) = error {
+                let (checks, metrics) = (&app.shared.checks, &app.shared.metrics);
+                metrics.result_checked(CheckOutcome::Wrong, began.elapsed());
+                let refusal = checks.refuse(lease, &job.worker, &key, &fault).await;
+                refusal.map_err(|error| refused(&app, error))?;
+            }
+            return Err(Problem::parameters(vec![Fault::parameter("sha256", fault)]));
+        }
+    };
     let file = received.artifact.path.clone();
-    let ended = store.succeed(lease, received.artifact, complete(received.grains), facts, exports).await;
+    let ended = store.receive_result(lease, received.artifact, checking(received.grains)).await;
     drop(place);
     if let Err(error) = ended {
         // Where several servers take results in, another may have got the same one and record it; after an error of the
@@ -110,7 +119,6 @@ async fn take_in(
         }
         return Err(refused(&app, error));
     }
-    note_end(&app, path, "succeeded", job.started_at);
-    remove_checkpoints(&app, path);
+    tracing::info!(job_id = %path.id, attempt = path.attempt, worker = job.worker, "received a result");
     Ok(recorded().into_response())
 }

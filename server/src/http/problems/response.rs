@@ -80,6 +80,9 @@ impl From<StoreError> for Problem {
             StoreError::KeyReused => {
                 Self::new(Kind::IdempotencyKeyReused, "the Idempotency-Key came before with another body")
             }
+            StoreError::WorkerBlocked { .. } => {
+                Self::new(Kind::WorkerBlocked, error.to_string()).with_header("retry-after", "30")
+            }
             StoreError::TooManyKept { .. } => Self::new(Kind::Conflict, error.to_string()),
             StoreError::NoExport => Self::new(Kind::NotFound, "it has been deleted meanwhile"),
             StoreError::NoJob => Self::new(Kind::NotFound, "there is no such job any more"),

@@ -70,14 +70,17 @@ problem_sets! {
     /// Of plots of studies.
     StudyPlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, FormatNotAvailable 422, Busy 503;
     /// Of requests of workers for jobs, and of renewals.
-    LeaseProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, WorkerRefused 409, PayloadTooLarge 413,
+    LeaseProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, WorkerRefused 409, WorkerBlocked 409,
+        PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+    /// Of workers that are allowed again.
+    AllowProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422;
     /// Of the ends of leases.
     LeaseEndProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, LeaseLost 409,
         PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
     /// Of files that workers send.
     LeaseFileProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, LeaseLost 409,
-        Busy 503;
+        ValidationError 422, Busy 503;
     /// Of checkpoints that workers fetch.
     CheckpointProblems: ValidationError 400, NotFound 404, LeaseLost 409, Busy 503;
     /// Of the beginnings of sessions.

@@ -379,6 +379,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
     for ((_, kind), bytes) in shared.store.stored_bytes().await? {
         *stored.entry(kind.name()).or_default() += bytes;
     }
+    let faulty = shared.store.faulty_workers().await?;
     let running = shared.store.processes().await?;
     let mut heard = shared.heard.within(shared.store.lease());
     heard
@@ -399,6 +400,8 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         store_faults: shared.store.faults(),
         queue_age_s: shared.store.queue_age().await?.as_secs_f64(),
         checkpoint_age_s: newest_checkpoint(&app).await,
+        unchecked: shared.store.unchecked().await?,
+        blocked_workers: faulty.iter().filter(|worker| worker.is_blocked()).count(),
         webhooks_waiting: shared.store.waiting_deliveries().await?,
         results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
     };

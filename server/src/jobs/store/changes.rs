@@ -27,6 +27,8 @@ pub(super) enum Change {
     Exports,
     /// Webhooks wait to be sent.
     Webhooks,
+    /// Ends of attempts that worker processes have sent wait for their check.
+    Checks,
     /// Clients see another state of a job.
     Job(JobId),
     /// Clients see another state of a study.
@@ -45,6 +47,7 @@ impl Shared {
             Change::Queue => self.idle_workers.wake(),
             Change::Exports => self.export_workers.iter().for_each(Notify::notify_one),
             Change::Webhooks => self.webhooks.notify_one(),
+            Change::Checks => self.checks.notify_one(),
             Change::Job(id) => {
                 self.journal.record(Changed::Job(id));
                 self.changes.notify(id);
@@ -62,7 +65,7 @@ impl Shared {
     /// Wakes all who wait in this process, for any change.
     #[cfg(feature = "postgres")]
     pub(super) fn wake_all(&self) {
-        for change in [Change::Queue, Change::Exports, Change::Webhooks] {
+        for change in [Change::Queue, Change::Exports, Change::Webhooks, Change::Checks] {
             self.wake(change);
         }
         self.changes.notify_all();
@@ -135,6 +138,16 @@ impl Store {
     /// Waits until a delivery may have been recorded.
     pub(crate) async fn webhooks_notified(&self) {
         self.shared.webhooks.notified().await;
+    }
+
+    /// Waits until the end of an attempt may have been received.
+    pub(crate) async fn checks_notified(&self) {
+        self.shared.checks.notified().await;
+    }
+
+    /// After a commit that received the end of an attempt.
+    pub(super) fn wake_checks(&self) {
+        self.announce(Change::Checks);
     }
 
     /// Wakes one more worker of this process: of a burst of submissions each wakes one, but some may have woken a

@@ -108,7 +108,8 @@ impl Claimed {
     pub(super) async fn before(claim: &Claim, tx: &mut Transaction<'_>) -> Result<Vec<Self>, StoreError> {
         let found = query(rows::select_jobs!(
             ", (select body from job_requests where job = jobs.seq) as body",
-            "where jobs.claim = ? and jobs.worker_key = ? and jobs.state = 'running' order by jobs.seq"
+            "where jobs.claim = ? and jobs.worker_key = ? and jobs.state = 'running' and jobs.received_at is null
+             order by jobs.seq"
         ))
         .bind(&claim.id)
         .bind(&claim.key)

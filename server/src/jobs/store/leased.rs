@@ -41,13 +41,15 @@ impl From<&ExportRecord> for LeasedTask {
     }
 }
 
-/// The statement `$text!` of a table: its name, whether another process has the task, whether a client has cancelled
+/// The statement `$text!` of a table: its name, which of its tasks run (not those whose end a worker process has sent
+/// already: see [`received`](super::received)), whether another process has the task, whether a client has cancelled
 /// it, what stays of the progress when it fails, and what is returned.
 macro_rules! of_kind {
     ($kind:expr, $text:ident) => {
         match $kind {
             Kind::Job => $text!(
                 "jobs",
+                "state = 'running' and received_at is null",
                 "worker <> ''",
                 "cancel_requested",
                 "progress",
@@ -55,28 +57,37 @@ macro_rules! of_kind {
                  (select studies.id from studies where studies.seq = jobs.study) as study_id"
             ),
             Kind::Export => {
-                $text!("exports", "false", "false", "null", "id, owner, false as cancel_requested")
+                $text!(
+                    "exports",
+                    "state = 'running'",
+                    "false",
+                    "false",
+                    "null",
+                    "id, owner, false as cancel_requested"
+                )
             }
         }
     };
 }
 
 macro_rules! renew {
-    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
             " set lease_expires_at = ?1, progress = coalesce(?2, progress),
                  version = version + case when ?2 is null then 0 else 1 end,
                  updated_at = case when ?2 is null then updated_at else ?3 end
-             where seq = ?4 and attempt = ?5 and state = 'running' returning ",
+             where seq = ?4 and attempt = ?5 and ",
+            $runs,
+            " returning ",
             $columns
         )
     };
 }
 
 macro_rules! leave {
-    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
@@ -92,30 +103,34 @@ macro_rules! leave {
                  max_attempts = max_attempts + case when ?1 = 'queued' and (",
             $elsewhere,
             " or ?6) then 1 else 0 end
-             where seq = ?4 and attempt = ?5 and state = 'running' returning ",
+             where seq = ?4 and attempt = ?5 and ",
+            $runs,
+            " returning ",
             $columns
         )
     };
 }
 
 macro_rules! count_fault {
-    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
-            " set faults = faults + 1 where seq = ?1 and attempt = ?2 and state = 'running' returning faults"
+            " set faults = faults + 1 where seq = ?1 and attempt = ?2 and ",
+            $runs,
+            " returning faults"
         )
     };
 }
 
 macro_rules! pause {
-    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!("update ", $table, " set not_before = ?1 where seq = ?2")
     };
 }
 
 macro_rules! take_back {
-    ($table:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
             "update ",
             $table,
@@ -135,7 +150,9 @@ macro_rules! take_back {
             $cancelled,
             " then attempt else attempt + 1 end,
                  progress = null, lease_expires_at = null, version = version + 1, updated_at = ?1
-             where state = 'running' and coalesce(lease_expires_at, 0) <= ?2 and not (?4 and ",
+             where ",
+            $runs,
+            " and coalesce(lease_expires_at, 0) <= ?2 and not (?4 and ",
             $elsewhere,
             ") returning ",
             $columns

@@ -6,6 +6,7 @@
 
 use std::time::Duration;
 
+use super::checked::{MOST_WRONG_RESULTS, wrong_results_of};
 use super::claims::{Claimed, Lessee};
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
@@ -55,7 +56,8 @@ pub(crate) struct RunningProcess {
 pub(crate) enum Held {
     /// The attempt runs.
     Running { lease: Lease, cancel_requested: bool },
-    /// The attempt was the last of the job, which has ended or waits for a client.
+    /// The attempt was the last of the job, which has ended, waits for a client, or waits for the check of what the
+    /// process has sent.
     Ended,
     /// The job is another attempt's, or gone.
     Lost,
@@ -114,7 +116,7 @@ impl Store {
     /// The database's.
     pub(crate) async fn held(&self, key: &str, id: JobId, attempt: i64) -> Result<Held, StoreError> {
         let row = query(
-            "select seq, state, cancel_requested,
+            "select seq, state, cancel_requested, received_at,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id
              from jobs where id = ? and attempt = ? and worker_key = ? and worker <> ''",
         )
@@ -126,6 +128,8 @@ impl Store {
         let Some(row) = row else { return Ok(Held::Lost) };
         let state = rows::state(row.text("state")?)?;
         Ok(match state {
+            // Its result, or why there is none, was received.
+            State::Running if row.try_get::<Option<i64>>("received_at")?.is_some() => Held::Ended,
             State::Running => Held::Running {
                 lease: lease(&row, id, attempt)?,
                 cancel_requested: row.try_get("cancel_requested")?,
@@ -142,7 +146,7 @@ impl Store {
     pub(crate) async fn processes(&self) -> Result<Vec<RunningProcess>, StoreError> {
         let rows = query(
             "select worker_key, worker, count(*) as jobs, max(lease_expires_at) as lease_expires_at from jobs
-             where state = 'running' and worker <> '' group by worker_key, worker",
+             where state = 'running' and worker <> '' and received_at is null group by worker_key, worker",
         )
         .fetch_all(self.readers())
         .await?;
@@ -168,11 +172,13 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let moved =
-                query("update jobs set lease_expires_at = ? where state = 'running' and worker <> ''")
-                    .bind(store.now_us().saturating_add(micros(store.limits().lease)))
-                    .execute(&mut writer)
-                    .await?;
+            let moved = query(
+                "update jobs set lease_expires_at = ?
+                     where state = 'running' and worker <> '' and received_at is null",
+            )
+            .bind(store.now_us().saturating_add(micros(store.limits().lease)))
+            .execute(&mut writer)
+            .await?;
             Ok(moved.rows_affected())
         })
         .await
@@ -183,6 +189,10 @@ impl Claim {
     /// Leases the jobs, or finds those that the same claim has leased before.
     async fn take(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<Vec<Claimed>, StoreError> {
         let mut claimed = Vec::new();
+        let wrong = wrong_results_of(&self.key, &self.worker, tx).await?;
+        if wrong >= MOST_WRONG_RESULTS {
+            return Err(StoreError::WorkerBlocked { worker: self.worker.clone(), wrong });
+        }
         while claimed.len() < self.slots as usize
             && let Some(next) = store.claim_next(tx, Lessee::Process(self, claimed.len())).await?
         {
@@ -206,6 +216,7 @@ async fn renew_all(
                  version = version + case when ?2 is null then 0 else 1 end,
                  updated_at = case when ?2 is null then updated_at else ?3 end
              where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
+                 and received_at is null
              returning seq, cancel_requested,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id",
         )

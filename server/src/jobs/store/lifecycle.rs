@@ -228,6 +228,7 @@ impl Store {
                 store.notify_job(&job);
                 // A worker whose time is limited looks at the first jobs of the queue only.
                 store.wake_worker();
+                store.wake_checks();
                 Ok(if job.state.is_finished() { Cancelled::Now(job) } else { Cancelled::Soon(job) })
             }
         })

@@ -10,6 +10,7 @@
 //! machine does not outlast its cause: see [`writer`] and [`faults`].
 
 mod changes;
+mod checked;
 mod claims;
 mod clock;
 mod database;
@@ -31,6 +32,9 @@ mod load_tests;
 mod owners_tests;
 mod patch;
 mod query;
+mod received;
+#[cfg(test)]
+mod received_tests;
 mod retention;
 mod rows;
 mod running;
@@ -73,6 +77,7 @@ use db::{Durability, Readers};
 use idle_workers::IdleWorkers;
 use writer::{Writer, Writing};
 
+pub(crate) use checked::{FaultyWorker, FormatLengths, MOST_WRONG_RESULTS};
 pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};
 pub(crate) use exports::{ClaimedExport, Retention};
@@ -83,6 +88,7 @@ pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
+pub(crate) use received::{Received, ReceivedEnd};
 pub(crate) use retention::FinishedJobs;
 pub(crate) use schema::SchemaError;
 pub(crate) use standings::Standing;
@@ -145,6 +151,11 @@ pub(crate) enum StoreError {
          some have started, or cancel some"
     )]
     OwnerQueueFull { owner: String, queued: u64, more: u64, most: u64 },
+    /// A worker process asks for jobs that has sent so many wrong results.
+    #[error(
+        "the worker {worker:?} has sent {wrong} wrong results: it gets no job until an administrator allows it again"
+    )]
+    WorkerBlocked { worker: String, wrong: i64 },
     /// The job or study has another version than the client accepts.
     #[error("the version is another than If-Match names")]
     VersionDiffers,
@@ -196,6 +207,8 @@ struct Shared {
     export_workers: [Notify; 2],
     /// Of the task that sends webhooks.
     webhooks: Notify,
+    /// Of the task that checks what worker processes have sent.
+    checks: Notify,
     /// The other servers of the same database.
     #[cfg(feature = "postgres")]
     servers: Option<servers::Servers>,
@@ -236,6 +249,7 @@ impl Store {
             idle_workers: IdleWorkers::default(),
             export_workers: [Notify::new(), Notify::new()],
             webhooks: Notify::new(),
+            checks: Notify::new(),
             #[cfg(feature = "postgres")]
             servers,
             limits,

@@ -32,17 +32,14 @@ pub(super) use select_jobs;
 
 /// Reads a row of [`select_jobs!`].
 pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
+    let state = state(row.text("state")?)?;
+    // What a worker process has sent of a job that still runs is not checked yet: see `received`.
+    let is_running = state == State::Running;
     let artifact = match row.try_get::<Option<String>>("path")? {
-        None => None,
-        Some(path) => Some(ArtifactRecord {
-            path,
-            bytes: row.try_get::<i64>("bytes")? as u64,
-            sha256: row.try_get("sha256")?,
-            report: json(row.text("report")?)?,
-            format_revision: row.try_get("format_revision")?,
-            format_lengths: json(row.text("format_lengths")?)?,
-        }),
+        Some(_) if !is_running => Some(artifact(row)?),
+        _ => None,
     };
+    let error = row.try_get::<Option<String>>("error")?.filter(|_| !is_running);
     let study = match row.try_get::<Option<String>>("study_id")? {
         None => None,
         Some(id) => Some(StudyPlace {
@@ -57,7 +54,7 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
     Ok(JobRecord {
         seq: row.try_get("seq")?,
         id: job_id(row.text("id")?)?,
-        state: state(row.text("state")?)?,
+        state,
         name: row.try_get("name")?,
         labels: json(row.text("labels")?)?,
         priority: row.try_get("priority")?,
@@ -77,7 +74,7 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         engine: json(row.text("engine")?)?,
         plan_warnings: json(row.text("warnings")?)?,
         progress: optional_json("progress")?,
-        error: row.try_get::<Option<String>>("error")?.as_deref().map(json).transpose()?,
+        error: error.as_deref().map(json).transpose()?,
         artifact,
         study,
         not_before: row.try_get("not_before")?,
@@ -86,6 +83,18 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         submitted_by: row.try_get("submitted_by")?,
         shared: row.try_get("shared")?,
         worker: row.try_get("worker")?,
+    })
+}
+
+/// Reads the columns of a row of `artifacts`.
+pub(super) fn artifact(row: &Row) -> Result<ArtifactRecord, StoreError> {
+    Ok(ArtifactRecord {
+        path: row.try_get("path")?,
+        bytes: row.try_get::<i64>("bytes")? as u64,
+        sha256: row.try_get("sha256")?,
+        report: json(row.text("report")?)?,
+        format_revision: row.try_get("format_revision")?,
+        format_lengths: json(row.text("format_lengths")?)?,
     })
 }
 

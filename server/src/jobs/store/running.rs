@@ -4,6 +4,7 @@
 use super::db::{Transaction, either, query};
 use super::exports::insert_beforehand;
 use super::leased::LeasedTask;
+use super::received::recorded_before;
 use super::studies::runs;
 use super::submit::to_json;
 use super::{Store, StoreError};
@@ -64,24 +65,11 @@ impl Success {
         .bind(to_json(&artifact.format_lengths)?)
         .fetch_optional(&mut *tx)
         .await?;
-        let Some(moved) = moved else { return self.recorded_before(tx).await };
+        let Some(moved) = moved else {
+            return recorded_before(*lease, artifact, tx).await.map(|()| Vec::new());
+        };
         insert_beforehand(tx, lease.seq, postprocess, now).await?;
         runs::record(tx, &moved, Outcome::Succeeded, facts, now).await
-    }
-
-    /// Whether the same result is recorded already, as when the connection to the database went between a commit and
-    /// its answer. A caller that heard of a lost lease would remove the file that is recorded.
-    async fn recorded_before(&self, tx: &mut Transaction<'_>) -> Result<Vec<JobId>, StoreError> {
-        let Self { lease, artifact, .. } = self;
-        query("select 1 from artifacts where job = ?1 and attempt = ?2 and path = ?3 and sha256 = ?4")
-            .bind(lease.seq)
-            .bind(lease.attempt)
-            .bind(&artifact.path)
-            .bind(&artifact.sha256)
-            .fetch_optional(&mut *tx)
-            .await?
-            .map(|_| Vec::new())
-            .ok_or(StoreError::LeaseLost)
     }
 }
 

@@ -183,6 +183,7 @@ fn messages(own: &str, changes: &BTreeSet<Change>) -> Vec<String> {
             Change::Queue => "q".to_owned(),
             Change::Exports => "x".to_owned(),
             Change::Webhooks => "w".to_owned(),
+            Change::Checks => "c".to_owned(),
             Change::Job(id) => format!("j{id}"),
             Change::Study(id) => format!("s{id}"),
             Change::Export(id) => format!("e{id}"),
@@ -207,6 +208,7 @@ fn changes_in<'m>(own: &str, message: &'m str) -> impl Iterator<Item = Change> +
         "q" => Some(Change::Queue),
         "x" => Some(Change::Exports),
         "w" => Some(Change::Webhooks),
+        "c" => Some(Change::Checks),
         "l" => Some(Change::Lost),
         _ => match word.split_at_checked(1)? {
             ("j", id) => JobId::parse(id).map(Change::Job),

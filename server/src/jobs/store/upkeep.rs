@@ -75,7 +75,7 @@ impl Store {
     /// Whether a job or an export runs whose lease ran out.
     pub(crate) async fn has_expired_leases(&self) -> Result<bool, StoreError> {
         let row = query(
-            "select 1 from jobs where state = 'running' and lease_expires_at <= ?1
+            "select 1 from jobs where state = 'running' and received_at is null and lease_expires_at <= ?1
              union all select 1 from exports where state = 'running' and lease_expires_at <= ?1",
         )
         .bind(self.now_us())

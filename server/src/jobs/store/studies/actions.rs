@@ -48,6 +48,7 @@ impl Store {
                 store.notify_study(id);
                 store.wake_worker();
                 store.wake_webhooks();
+                store.wake_checks();
                 Ok(study)
             }
         })

@@ -140,7 +140,7 @@ impl Store {
         let reports = query(
             "select jobs.point, artifacts.report from jobs indexed by jobs_by_point
                  join artifacts on artifacts.job = jobs.seq
-             where jobs.study = ? and jobs.replicate = 0",
+             where jobs.study = ? and jobs.replicate = 0 and jobs.state = 'succeeded'",
         )
         .bind(seq)
         .fetch_all(self.readers())

@@ -50,6 +50,7 @@ insert into exports (
     ('x1', 3, 'mesh', 'mesh', '{}', 1, 0, 0, 'queued', 1, 1, 1, 'o', null),
     ('x2', 3, 'slice', 'slice', '{}', 0, 1, 1, 'running', 1, 1, 1, 'o', 99);
 update exports set state = 'succeeded', path = '20/x1.export', bytes = 17, sha256 = 'aa', report = '{}' where seq = 1;
+insert into wrong_results (worker_key, worker, job, attempt, fault, at) values ('k', 'w 1', 'j2', 1, 'ä', 5);
 insert into removals (path) values ('20/gone.export'), ('20/Gone.export'), ('20/é.export');
 
 insert into queue_starts (owner, priority, turn) values ('', -5, 3), ('o', 0, 4);

@@ -1,0 +1,108 @@
+//! What only the run itself knows of a packing: whether its report agrees with the request and with the method that was
+//! used.
+
+use super::verify::VerifyError;
+use crate::packing::{Grains, MethodUsed, Report, Statistics};
+use crate::request::{Distance, Method, PackingRequest};
+
+/// Most points of a growth curve.
+const MOST_CURVE_POINTS: usize = 1000;
+/// Longest time that a report may state, in s: 30 years.
+const MOST_TIME_S: f64 = 1.0e9;
+
+/// Whether a number of a report lies between 0 and its bound.
+pub(super) fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyError> {
+    if (0.0..=most).contains(&found) {
+        return Ok(());
+    }
+    VerifyError::wrong(format!("{name} is {found}: must be from 0 to {most}"))
+}
+
+/// Whether what only the run knows agrees with the request; the method that was used, and the largest distance, where
+/// that was requested.
+pub(super) fn judge_run(
+    request: &PackingRequest,
+    report: &Report,
+    grains: &Grains,
+) -> Result<(MethodUsed, Option<f64>), VerifyError> {
+    let Some(used) = report.summary.method_used else {
+        return VerifyError::wrong("summary/method_used is missing");
+    };
+    let is_of_spheres = grains.spheres().is_some();
+    let may_be = match (request.method, is_of_spheres) {
+        (Method::Rsa { .. }, _) => used == MethodUsed::Rsa,
+        (Method::Edmd { .. }, _) => used == MethodUsed::Edmd,
+        (Method::MonteCarlo { .. }, _) => used == MethodUsed::MonteCarlo,
+        (Method::Auto {}, true) => {
+            matches!(used, MethodUsed::Rsa | MethodUsed::Edmd | MethodUsed::RsaThenEdmd)
+        }
+        (Method::Auto {}, false) => {
+            matches!(used, MethodUsed::Rsa | MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo)
+        }
+    };
+    if !may_be {
+        return VerifyError::wrong("summary/method_used is not a method of the request");
+    }
+    judge_statistics(used, report)?;
+    let timings = &report.timings_s;
+    for (name, found) in [
+        ("timings_s/sampling", timings.sampling),
+        ("timings_s/rsa", timings.rsa),
+        ("timings_s/edmd", timings.edmd.unwrap_or(0.0)),
+        ("timings_s/monte_carlo", timings.monte_carlo.unwrap_or(0.0)),
+        ("timings_s/check", timings.check),
+        ("timings_s/total", timings.total),
+    ] {
+        within(name, found, MOST_TIME_S)?;
+    }
+    if report.growth_curve.len() > MOST_CURVE_POINTS {
+        let found = report.growth_curve.len();
+        return VerifyError::wrong(format!(
+            "growth_curve has {found} points: must have at most {MOST_CURVE_POINTS}"
+        ));
+    }
+    for point in &report.growth_curve {
+        within("growth_curve/packing_time_s", point.packing_time_s, MOST_TIME_S)?;
+        within("growth_curve/volume_fraction", point.volume_fraction, f64::MAX)?;
+        within("growth_curve/simulated_time_s", point.simulated_time_s.unwrap_or(0.0), f64::MAX)?;
+    }
+    let Distance::Maximize { .. } = request.distance else { return Ok((used, None)) };
+    match report.summary.distance_mm {
+        Some(mm) => within("summary/distance_mm", mm, f64::MAX).map(|()| (used, Some(mm))),
+        None => VerifyError::wrong("summary/distance_mm is missing: the largest distance is requested"),
+    }
+}
+
+/// Whether the counts are those of the method that was used, and of a run that reached its target.
+fn judge_statistics(used: MethodUsed, report: &Report) -> Result<(), VerifyError> {
+    let Statistics { rsa, edmd, monte_carlo } = report.statistics;
+    let is_edmd = matches!(used, MethodUsed::Edmd | MethodUsed::RsaThenEdmd);
+    let is_monte_carlo = matches!(used, MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo);
+    let agrees = rsa.is_some()
+        && edmd.is_some() == is_edmd
+        && monte_carlo.is_some() == is_monte_carlo
+        && (is_edmd || report.timings_s.edmd.is_none())
+        && (is_monte_carlo || report.timings_s.monte_carlo.is_none())
+        && (is_edmd || is_monte_carlo || report.growth_curve.is_empty());
+    if !agrees {
+        return VerifyError::wrong("statistics, times or growth curve are those of another method");
+    }
+    if let Some(edmd) = edmd {
+        for (name, found) in [
+            ("predictions_per_event", edmd.predictions_per_event),
+            ("events_per_s", edmd.events_per_s),
+            ("simulated_time_s", edmd.simulated_time_s),
+            ("energy", edmd.energy),
+            ("reduced_pressure", edmd.reduced_pressure),
+        ] {
+            within(name, found, f64::MAX)?;
+        }
+    }
+    let scales = [edmd.map(|edmd| edmd.growth_scale), monte_carlo.map(|counted| counted.growth_scale)];
+    if let Some(scale) = scales.into_iter().flatten().find(|scale| *scale < 1.0) {
+        return VerifyError::wrong(format!(
+            "growth_scale is {scale}: the grains of a packing have grown to their size"
+        ));
+    }
+    Ok(())
+}
