@@ -2,8 +2,8 @@
 //! (`--base-path /packstone`).
 //!
 //! Pages and scripts have relative addresses. What must be absolute begins with this path: `Location`, `Link`, the
-//! members `links` and `type` of documents, cookies, the servers of `openapi.json`, and the links of webhooks. A process
-//! serves below one path, which is set once before the first request.
+//! members `links` and `type` of documents, cookies, the servers of `openapi.json`, and the links of webhooks. A
+//! process serves below one path, which is set once before the first request.
 
 use std::str::FromStr;
 use std::sync::OnceLock;

@@ -72,8 +72,9 @@ kinds! {
     Unauthorized "unauthorized" 401 "Unauthorized"
         "The request carries no known API key. Send `Authorization: Bearer KEY`."
     Forbidden "forbidden" 403 "Not allowed"
-        "The role of the API key does not allow this, or the job or study belongs to another owner who shares it for \
-         reading only; `detail` says which. `GET /v1/key` tells the role of a key."
+        "The role of the API key does not allow this, the job or study belongs to another owner who shares it for reading \
+         only, or the request comes from a page of another site; `detail` says which. `GET /v1/key` tells the role of a \
+         key."
     NotFound "not-found" 404 "Not found"
         "There is no such route, job, study or export; what has expired is deleted too."
     ResultNotReady "result-not-ready" 409 "No result yet"

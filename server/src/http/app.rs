@@ -34,8 +34,8 @@ use crate::workers::packing::Packings;
 use crate::workers::probe;
 use crate::workers::slots::Slots;
 
-/// Bodies of more than this are read off the threads that answer: those below take a millisecond.
-pub(crate) const SMALL_BODY_BYTES: usize = 1 << 15;
+/// Bodies of more than this are read off the threads that answer: those below take less than a millisecond.
+pub(crate) const SMALL_BODY_BYTES: usize = 1 << 12;
 /// Bodies of more than this are read a few at a time.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
 /// Large bodies at once: parsed JSON takes up to thirty times the room of its text.
@@ -92,9 +92,9 @@ pub(crate) struct Shared {
     /// One permit per plot being drawn.
     pub(crate) plots: Arc<Semaphore>,
     pub(crate) large_bodies: Arc<Semaphore>,
-    /// Threads that plan requests and read long bodies.
+    /// Threads that plan requests, where that takes a while.
     pub(crate) compute: ComputePool,
-    /// Threads that write long documents.
+    /// Threads that read and write long documents.
     pub(crate) documents: ComputePool,
     pub(crate) planner: Planner,
     /// Jobs in other processes whose state was asked for lately.

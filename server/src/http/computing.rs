@@ -1,8 +1,8 @@
 //! Work that would hold up the threads that answer: plans, large bodies, long documents.
 //!
 //! It runs on threads of the blocking pool, in each of two pools at most half as many at once as there are cores. A
-//! request waits for its turn for a bounded time. Work with many steps passes its place on after a while, so that short work beside it is not
-//! held up either.
+//! request waits for its turn for a bounded time. Work with many steps passes its place on after a while, so that short
+//! work beside it is not held up either.
 
 use std::cell::{Cell, RefCell};
 use std::sync::Arc;
@@ -45,12 +45,12 @@ pub(crate) struct Turn {
 }
 
 impl ComputePool {
-    /// The pool of plans and of bodies that are costly to read.
+    /// The pool of plans and of large bodies.
     pub(crate) fn of_requests() -> Self {
         Self::new(threads(), LONGEST_WAIT)
     }
 
-    /// The pool of long documents. Each takes a part of a second, so that none is refused.
+    /// The pool of long documents, read or written. Each takes milliseconds, so that none is refused.
     pub(crate) fn of_documents() -> Self {
         Self::new(threads(), Duration::MAX)
     }

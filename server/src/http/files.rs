@@ -3,6 +3,7 @@
 //! Its length is known before its first byte is sent. Whose bytes they are, and where they come from, is for others
 //! to know.
 
+use std::fmt::Write as _;
 use std::io;
 use std::ops::Range;
 use std::sync::Arc;
@@ -76,7 +77,8 @@ impl FileName {
                 match byte {
                     b'-' | b'_' | b'.' => disposition.push(byte.into()),
                     _ if byte.is_ascii_alphanumeric() => disposition.push(byte.into()),
-                    _ => disposition.push_str(&format!("%{byte:02X}")),
+                    // Writing to a string cannot fail.
+                    _ => _ = write!(disposition, "%{byte:02X}"),
                 }
             }
         }

@@ -58,8 +58,8 @@ pub(crate) fn is_long(value: &Value) -> bool {
     left == 0
 }
 
-/// Adds what every answer has: browsers take its type as it says, and no cache gives it to others. A cache may keep what
-/// is no error, and asks each time whether it is still right.
+/// Adds what every answer has: browsers take its type as it says, and no cache gives it to others. A cache may keep
+/// what is no error, and asks each time whether it is still right.
 pub(crate) fn protect<B>(response: &mut axum::http::Response<B>) {
     let is_error = response.status().is_client_error() || response.status().is_server_error();
     let headers = response.headers_mut();

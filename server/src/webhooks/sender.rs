@@ -314,6 +314,7 @@ fn pause(before: u32, first: Duration, spread: f64) -> Duration {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
 

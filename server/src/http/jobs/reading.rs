@@ -8,7 +8,7 @@ use packstone_engine::{Limits, PackingRequest, Plan};
 
 use crate::exports::estimates::{PlannedExport, planned};
 use crate::failure::Failure;
-use crate::http::app::{App, LARGE_BODY_BYTES, SMALL_BODY_BYTES};
+use crate::http::app::{App, LARGE_BODY_BYTES, SMALL_BODY_BYTES, Shared};
 use crate::http::submission::{content_sha256, read_apart};
 use crate::http::webhooks;
 use crate::jobs::{JobRequest, request};
@@ -32,8 +32,9 @@ struct Draft {
     body_sha256: String,
 }
 
-/// Reads and plans a submission. What takes more than a moment is computed off the threads that answer: large bodies,
-/// grains of other shapes than spheres, proposals and exports.
+/// Reads and plans a submission. What takes more than a millisecond is computed off the threads that answer: bodies
+/// that are not small among the documents, which are soon done; large ones, grains of other shapes than spheres,
+/// proposals and exports among the plans.
 pub(crate) async fn read(
     app: &App,
     bytes: Bytes,
@@ -43,19 +44,39 @@ pub(crate) async fn read(
     let shared = Arc::clone(&app.shared);
     let submission = if bytes.len() > LARGE_BODY_BYTES {
         read_apart(app, move |_| Draft::read(&bytes)?.plan(&shared.planner, &limits, proposal)).await?
-    } else if bytes.len() > SMALL_BODY_BYTES {
-        let work = move |_: &_| Draft::read(&bytes)?.plan(&shared.planner, &limits, proposal);
-        app.shared.compute.run(work).await??
     } else {
-        let draft = Draft::read(&bytes)?;
-        if draft.takes_a_moment(&shared.planner, &limits, proposal) {
-            draft.plan(&shared.planner, &limits, proposal)?
+        let is_small = bytes.len() <= SMALL_BODY_BYTES;
+        let begin = move |shared: &Shared| begin(&bytes, &shared.planner, &limits, proposal);
+        let begun = if is_small {
+            begin(&shared)?
         } else {
-            app.shared.compute.run(move |_| draft.plan(&shared.planner, &limits, proposal)).await??
+            let shared = Arc::clone(&shared);
+            app.shared.documents.run(move |_| begin(&shared)).await??
+        };
+        match begun {
+            Begun::Planned(submission) => *submission,
+            Begun::Read(draft) => {
+                app.shared.compute.run(move |_| draft.plan(&shared.planner, &limits, proposal)).await??
+            }
         }
     };
     webhooks::check(&app.shared.webhook_rules, submission.request.webhook_url.as_ref())?;
     Ok(submission)
+}
+
+/// A submission whose plan takes a while, or the whole of another.
+enum Begun {
+    Read(Box<Draft>),
+    Planned(Box<Submission>),
+}
+
+fn begin(bytes: &[u8], planner: &Planner, limits: &Limits, proposal: Proposal) -> Result<Begun, Failure> {
+    let draft = Draft::read(bytes)?;
+    if draft.takes_a_moment(planner, limits, proposal) {
+        draft.plan(planner, limits, proposal).map(|submission| Begun::Planned(Box::new(submission)))
+    } else {
+        Ok(Begun::Read(Box::new(draft)))
+    }
 }
 
 impl Draft {
@@ -66,7 +87,7 @@ impl Draft {
         Ok(Self { packing: request.packing(), request, body_sha256: content_sha256(value) })
     }
 
-    /// Whether its plan takes less than a millisecond.
+    /// Whether its plan takes no longer than reading it.
     fn takes_a_moment(&self, planner: &Planner, limits: &Limits, proposal: Proposal) -> bool {
         let is_simple = !self.packing.mix.has_shapes() && proposal == Proposal::None;
         self.request.exports().next().is_none()
