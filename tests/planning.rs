@@ -129,15 +129,19 @@ async fn plans_of_polyhedra_hold_up_no_other_answer() {
     };
     let plans = tokio::spawn(join_all((0..16).map(ask)));
     let client = server.client();
-    let mut longest = Duration::ZERO;
+    let mut answers = Vec::new();
     while !plans.is_finished() {
         let asked = Instant::now();
         client.get("/healthz").send().await.expect(200);
-        longest = longest.max(asked.elapsed());
+        answers.push(asked.elapsed());
     }
-    // Relative to the plans, so that a slow machine makes no difference: on a quiet one they take 5 s.
+    // Relative to the plans, so that a slow machine makes no difference: on a quiet one they take 5 s. An answer that
+    // waits for plans takes as long as one of them, and then there are about as many answers as plans.
     let all = plans.await.unwrap().into_iter().max().unwrap();
-    assert!(5 * longest < all, "an answer took {longest:?} while all plans took {all:?}");
+    answers.sort_unstable();
+    let most = answers[answers.len() * 9 / 10];
+    assert!(answers.len() > 80, "{} answers while all plans took {all:?}", answers.len());
+    assert!(16 * most < all, "nine of ten answers took up to {most:?} while all plans took {all:?}");
     server.stop().await;
 }
 
