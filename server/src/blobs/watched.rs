@@ -203,8 +203,17 @@ impl Blobs for Watched {
     }
 
     fn remove(&self, names: &[String]) -> io::Result<()> {
-        let names = names.to_owned();
-        self.call(LONG_CALL, move |blobs| blobs.remove(&names))
+        let (names, owner) = (names.to_owned(), self.owner.clone());
+        self.call(LONG_CALL, move |blobs| {
+            blobs.remove(&names)?;
+            // A missing file counts as removed. Another folder in the place, or none, misses every file: their removal
+            // must not be forgotten. A bucket is not moved.
+            if blobs.is_remote() || owner::read(blobs).is_ok_and(|theirs| theirs.database == owner.database) {
+                return Ok(());
+            }
+            let what = format!("the place of files {} is not the one whose files are removed", blobs.shown(""));
+            Err(io::Error::new(io::ErrorKind::TimedOut, what))
+        })
     }
 
     fn remove_folder(&self, folder: &str) -> io::Result<()> {
@@ -336,6 +345,24 @@ mod tests {
         let files = Files::shared(folder.to_owned()).unwrap();
         owner::claim(&files, &owner).unwrap();
         Watched::new(Arc::new(files), owner, Elsewhere::default())
+    }
+
+    #[test]
+    fn a_removal_from_another_place_is_an_error() {
+        let parent = tempfile::tempdir().unwrap();
+        let (folder, away) = (parent.path().join("files"), parent.path().join("away"));
+        std::fs::create_dir(&folder).unwrap();
+        let watched = watched(&folder);
+        let names = ["artifacts/a".to_owned()];
+        watched.remove(&names).unwrap();
+        // No look has found it yet.
+        std::fs::rename(&folder, &away).unwrap();
+        watched.remove(&names).unwrap_err();
+        std::fs::create_dir(&folder).unwrap();
+        watched.remove(&names).unwrap_err();
+        std::fs::remove_dir(&folder).unwrap();
+        std::fs::rename(&away, &folder).unwrap();
+        watched.remove(&names).unwrap();
     }
 
     #[test]
