@@ -65,17 +65,31 @@ create table studies (
     -- Owner; several keys may have one owner. Empty where the server required no key.
     owner        text collate "C" not null default '',
     -- Others can read it; the jobs of a shared study are shared too.
-    shared       boolean          not null default false
+    shared       boolean          not null default false,
+    -- Bytes that its request takes with the parts that its jobs share.
+    request_bytes bigint           not null default 0
 );
 
 create index studies_open on studies (seq) where finished_at is null;
 create index studies_finished on studies (seq) where finished_at is not null;
 create index studies_expiry on studies (expires_at) where expires_at is not null;
 
--- Requests apart from the studies leave listings small.
+-- The longest lists in the requests of a study and of its jobs, each once: they may have a million diameters.
+create table study_parts (
+    study bigint           not null references studies (seq) on delete cascade,
+    part  bigint           not null,
+    body  text collate "C" not null,
+    primary key (study, part)
+);
+
+-- Requests apart from the studies leave listings small. `body` is the text of the request without its part; `part_at`
+-- characters of it come before the part. The digest is that of the whole text.
 create table study_requests (
-    study bigint           primary key references studies (seq) on delete cascade,
-    body  text collate "C" not null
+    study   bigint           primary key references studies (seq) on delete cascade,
+    body    text collate "C" not null,
+    part    bigint,
+    part_at bigint,
+    digest  bigint           not null
 );
 
 create table study_labels (
@@ -192,7 +206,9 @@ create table jobs (
     -- Most threads that may compute the packing, as the request has it.
     threads          bigint,
     -- Most threads that the packing has work for, by its plan at submission.
-    most_threads     bigint           not null default 1
+    most_threads     bigint           not null default 1,
+    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
+    request_bytes    bigint           not null default 0
 );
 
 create index jobs_by_state on jobs (state, seq);
@@ -218,10 +234,14 @@ create index jobs_received on jobs (received_at) where received_at is not null;
 -- Those whose lease is renewed from outside, at the start of the server.
 create index jobs_of_workers on jobs (worker) where worker <> '' and state = 'running';
 
--- Requests may hold a million diameters; apart from the jobs they leave listings and claims small.
+-- Requests apart from the jobs leave listings and claims small. The columns are those of `study_requests`; the part is
+-- one of the study of the job.
 create table job_requests (
-    job  bigint           primary key references jobs (seq) on delete cascade,
-    body text collate "C" not null
+    job     bigint           primary key references jobs (seq) on delete cascade,
+    body    text collate "C" not null,
+    part    bigint,
+    part_at bigint,
+    digest  bigint           not null
 );
 
 -- Labels carry the state of their job, so that a filter by both never walks through jobs it drops.
@@ -260,13 +280,15 @@ values ('queued', 0), ('running', 0), ('succeeded', 0), ('failed', 0), ('cancell
 
 -- Fair queueing (see turns.rs): a worker first chooses the owner whose turn it is, then the job of that owner.
 
--- Jobs that wait and run, by owner.
+-- Jobs that wait and run, and bytes of requests, by owner.
 create table queue_owners (
     owner      text collate "C" primary key,
     queued     bigint           not null default 0,
     running    bigint           not null default 0,
     -- Virtual start time of the owner's job that started last.
-    last_start bigint           not null default -1
+    last_start bigint           not null default -1,
+    -- Bytes of the requests of all jobs and studies of the owner.
+    request_bytes bigint           not null default 0
 );
 
 -- The turn of the job that started last, for each owner and priority.
@@ -295,6 +317,8 @@ create table artifacts (
     bytes           bigint           not null,
     sha256          text collate "C" not null,
     report          text collate "C" not null,
+    -- Tells that the report is the one that was stored.
+    report_digest   bigint           not null,
     -- Length in bytes of every format, as of this revision of the formats.
     format_revision bigint           not null,
     format_lengths  text collate "C" not null,
@@ -513,11 +537,14 @@ execute function job_labels_follow_state();
 
 create function queue_owners_insert() returns trigger language plpgsql as $$
 begin
-    insert into queue_owners (owner, queued, running)
-    select owner, count(*) filter (where state = 'queued'), count(*) filter (where state = 'running')
+    insert into queue_owners (owner, queued, running, request_bytes)
+    select
+        owner, count(*) filter (where state = 'queued'), count(*) filter (where state = 'running'),
+        sum(request_bytes)::bigint
     from new_jobs group by owner order by owner
     on conflict (owner) do update set
-        queued = queue_owners.queued + excluded.queued, running = queue_owners.running + excluded.running;
+        queued = queue_owners.queued + excluded.queued, running = queue_owners.running + excluded.running,
+        request_bytes = queue_owners.request_bytes + excluded.request_bytes;
     return null;
 end
 $$;
@@ -558,12 +585,14 @@ for each statement execute function queue_owners_update();
 create function queue_owners_delete() returns trigger language plpgsql as $$
 begin
     update queue_owners set
-        queued = queue_owners.queued - gone.queued, running = queue_owners.running - gone.running
+        queued = queue_owners.queued - gone.queued, running = queue_owners.running - gone.running,
+        request_bytes = queue_owners.request_bytes - gone.request_bytes
     from (
         select
             owner,
-            count(*) filter (where state = 'queued') as queued, count(*) filter (where state = 'running') as running
-        from old_jobs where state in ('queued', 'running') group by owner
+            count(*) filter (where state = 'queued') as queued, count(*) filter (where state = 'running') as running,
+            sum(request_bytes)::bigint as request_bytes
+        from old_jobs group by owner
     ) as gone
     where queue_owners.owner = gone.owner;
     return null;
@@ -745,6 +774,27 @@ $$;
 create trigger webhook_of_study after update of finished_at on studies for each row
 when (new.finished_at is not null and old.finished_at is null)
 execute function webhook_of_study();
+
+create function queue_owners_study_insert() returns trigger language plpgsql as $$
+begin
+    insert into queue_owners (owner, request_bytes) values (new.owner, new.request_bytes)
+    on conflict (owner) do update set request_bytes = queue_owners.request_bytes + excluded.request_bytes;
+    return null;
+end
+$$;
+
+create trigger queue_owners_study_insert after insert on studies for each row
+execute function queue_owners_study_insert();
+
+create function queue_owners_study_delete() returns trigger language plpgsql as $$
+begin
+    update queue_owners set request_bytes = request_bytes - old.request_bytes where owner = old.owner;
+    return null;
+end
+$$;
+
+create trigger queue_owners_study_delete after delete on studies for each row
+execute function queue_owners_study_delete();
 
 create function queue_owner_flows_end() returns trigger language plpgsql as $$
 begin

@@ -60,17 +60,31 @@ create table studies (
     -- Owner; several keys may have one owner. Empty where the server required no key.
     owner        text    not null default '',
     -- Others can read it; the jobs of a shared study are shared too.
-    shared       integer not null default 0
+    shared       integer not null default 0,
+    -- Bytes that its request takes with the parts that its jobs share.
+    request_bytes integer not null default 0
 ) strict;
 
 create index studies_open on studies (seq) where finished_at is null;
 create index studies_finished on studies (seq) where finished_at is not null;
 create index studies_expiry on studies (expires_at) where expires_at is not null;
 
--- Requests apart from the studies leave listings small.
+-- The longest lists in the requests of a study and of its jobs, each once: they may have a million diameters.
+create table study_parts (
+    study integer not null references studies (seq) on delete cascade,
+    part  integer not null,
+    body  text    not null,
+    primary key (study, part)
+) strict, without rowid;
+
+-- Requests apart from the studies leave listings small. `body` is the text of the request without its part; `part_at`
+-- characters of it come before the part. The digest is that of the whole text.
 create table study_requests (
-    study integer primary key references studies (seq) on delete cascade,
-    body  text    not null
+    study   integer primary key references studies (seq) on delete cascade,
+    body    text    not null,
+    part    integer,
+    part_at integer,
+    digest  integer not null
 ) strict;
 
 create table study_labels (
@@ -187,7 +201,9 @@ create table jobs (
     -- Most threads that may compute the packing, as the request has it.
     threads          integer,
     -- Most threads that the packing has work for, by its plan at submission.
-    most_threads     integer not null default 1
+    most_threads     integer not null default 1,
+    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
+    request_bytes    integer not null default 0
 ) strict;
 
 create index jobs_by_state on jobs (state, seq);
@@ -213,10 +229,14 @@ create index jobs_received on jobs (received_at) where received_at is not null;
 -- Those whose lease is renewed from outside, at the start of the server.
 create index jobs_of_workers on jobs (worker) where worker <> '' and state = 'running';
 
--- Requests may hold a million diameters; apart from the jobs they leave listings and claims small.
+-- Requests apart from the jobs leave listings and claims small. The columns are those of `study_requests`; the part is
+-- one of the study of the job.
 create table job_requests (
-    job  integer primary key references jobs (seq) on delete cascade,
-    body text    not null
+    job     integer primary key references jobs (seq) on delete cascade,
+    body    text    not null,
+    part    integer,
+    part_at integer,
+    digest  integer not null
 ) strict;
 
 -- Labels carry the state of their job, so that a filter by both never walks through jobs it drops.
@@ -255,13 +275,15 @@ values ('queued', 0), ('running', 0), ('succeeded', 0), ('failed', 0), ('cancell
 
 -- Fair queueing (see turns.rs): a worker first chooses the owner whose turn it is, then the job of that owner.
 
--- Jobs that wait and run, by owner.
+-- Jobs that wait and run, and bytes of requests, by owner.
 create table queue_owners (
     owner      text    primary key,
     queued     integer not null default 0,
     running    integer not null default 0,
     -- Virtual start time of the owner's job that started last.
-    last_start integer not null default -1
+    last_start integer not null default -1,
+    -- Bytes of the requests of all jobs and studies of the owner.
+    request_bytes integer not null default 0
 ) strict, without rowid;
 
 -- The turn of the job that started last, for each owner and priority.
@@ -290,6 +312,8 @@ create table artifacts (
     bytes           integer not null,
     sha256          text    not null,
     report          text    not null,
+    -- Tells that the report is the one that was stored.
+    report_digest   integer not null,
     -- Length in bytes of every format, as of this revision of the formats.
     format_revision integer not null,
     format_lengths  text    not null,
@@ -470,9 +494,11 @@ end;
 
 create trigger queue_owners_insert after insert on jobs
 begin
-    insert into queue_owners (owner, queued, running)
-    values (new.owner, new.state = 'queued', new.state = 'running')
-    on conflict (owner) do update set queued = queued + excluded.queued, running = running + excluded.running;
+    insert into queue_owners (owner, queued, running, request_bytes)
+    values (new.owner, new.state = 'queued', new.state = 'running', new.request_bytes)
+    on conflict (owner) do update set
+        queued = queued + excluded.queued, running = running + excluded.running,
+        request_bytes = request_bytes + excluded.request_bytes;
 end;
 
 -- A job that starts takes the turn of its owner here: one statement less at every start.
@@ -488,10 +514,11 @@ begin
     where owner = new.owner;
 end;
 
-create trigger queue_owners_delete after delete on jobs when old.state in ('queued', 'running')
+create trigger queue_owners_delete after delete on jobs
 begin
     update queue_owners set
-        queued = queued - (old.state = 'queued'), running = running - (old.state = 'running')
+        queued = queued - (old.state = 'queued'), running = running - (old.state = 'running'),
+        request_bytes = request_bytes - old.request_bytes
     where owner = old.owner;
 end;
 
@@ -605,6 +632,17 @@ begin
         ),
         webhooks.url, new.owner, webhooks.host, 'waiting', new.finished_at, new.finished_at
     from webhooks where webhooks.study = new.seq and webhooks.url <> '';
+end;
+
+create trigger queue_owners_study_insert after insert on studies
+begin
+    insert into queue_owners (owner, request_bytes) values (new.owner, new.request_bytes)
+    on conflict (owner) do update set request_bytes = request_bytes + excluded.request_bytes;
+end;
+
+create trigger queue_owners_study_delete after delete on studies
+begin
+    update queue_owners set request_bytes = request_bytes - old.request_bytes where owner = old.owner;
 end;
 
 create trigger queue_owner_flows_end after delete on studies

@@ -153,7 +153,7 @@ pub(crate) struct ServeOptions {
     /// Most bytes of results, kept exports and cached exports together [default: as much as the disk has]
     #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES")]
     pub(crate) max_stored_bytes: Option<u64>,
-    /// Most bytes of results and kept exports of the jobs of one owner of API keys [default: no bound]
+    /// Most bytes of results, kept exports and requests of one owner of API keys [default: no bound]
     #[arg(long, env = "PACKSTONE_MAX_STORED_BYTES_PER_KEY")]
     pub(crate) max_stored_bytes_per_key: Option<u64>,
     /// Most jobs of one owner of API keys that wait [default: no bound but --max-queued]

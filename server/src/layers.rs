@@ -20,6 +20,7 @@ const LAYERS: &[&[&str]] = &[
         "http_client",
         "ids",
         "memory",
+        "open_files",
         "planning",
         "remaining_time",
         "tasks",

@@ -30,6 +30,7 @@ mod layers;
 pub mod local;
 mod memory;
 mod metrics;
+mod open_files;
 mod page;
 mod places;
 mod planning;

@@ -239,7 +239,11 @@ impl Metrics {
         for (state, export) in &gauges.export {
             out.line("packstone_exports", &format!("state=\"{}\"", state.name()), export);
         }
-        out.head("packstone_export_cache_bytes", "gauge", "Bytes of models that nobody asked to be kept.");
+        out.head(
+            "packstone_export_cache_bytes",
+            "gauge",
+            "Bytes of exports that are not kept with their jobs.",
+        );
         out.line("packstone_export_cache_bytes", "", gauges.export_cache_bytes);
         out.head("packstone_stored_bytes", "gauge", "Bytes of results, kept exports and cached exports.");
         for (kind, bytes) in &gauges.stored_bytes {
@@ -291,7 +295,7 @@ impl Metrics {
             times.render(&mut out, "packstone_job_duration_seconds", &labels, JOB_BOUNDS_S);
         }
         let name = "packstone_export_duration_seconds";
-        out.head(name, "histogram", "Time of making models of results, by type and outcome.");
+        out.head(name, "histogram", "Time of making exports of results, by type and outcome.");
         for ((kind, outcome), times) in self.exports.lock().unwrap_or_else(PoisonError::into_inner).iter() {
             let labels = format!("type=\"{kind}\",outcome=\"{outcome}\"");
             times.render(&mut out, name, &labels, JOB_BOUNDS_S);

@@ -134,7 +134,8 @@ kinds! {
         "The end of a job or of an export: the system refused memory that it needs, in each of six attempts. Take \
          fewer grains or a coarser export, give the server more memory, or lower `--workers`."
     NotReady "not-ready" 503 "Not ready"
-        "The server is starting or stopping, or cannot write to its data directory."
+        "The server is starting or stopping, or cannot write to its data directory; or its database does not answer, \
+         is damaged, or was moved or replaced. `detail` says which."
     ResultDamaged "result-damaged" 410 "The stored result is damaged"
         "The file of the result is missing, or is not what was stored. Retry the job: it packs the same spheres again."
     InternalError "internal-error" 500 "Internal error"

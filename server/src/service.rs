@@ -25,9 +25,10 @@ use crate::disk::{Disk, Elsewhere};
 use crate::exports::making::Exports;
 use crate::http::{self, App, OperatorFiles};
 use crate::http_server;
-use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits};
+use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits, Unusable};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
+use crate::open_files::OpenFiles;
 use crate::places;
 use crate::storage::Storage;
 use crate::tasks;
@@ -118,6 +119,8 @@ pub(crate) struct Service {
     options: ServeOptions,
     files: OperatorFiles,
     reload: Arc<Notify>,
+    /// The data directory and its lock, as they were at the start.
+    folders: OpenFiles,
     // Held, never read: the lock ends with it.
     _lock: File,
 }
@@ -203,7 +206,7 @@ impl Service {
         }
         let recovered = store.recover_exports().await?;
         if recovered > 0 {
-            tracing::info!(recovered, "models that were being made were taken back");
+            tracing::info!(recovered, "exports that were being made were requeued");
         }
         let shutdown = CancellationToken::new();
         let webhooks = if webhook_secrets.is_some() { webhooks::AT_ONCE } else { 0 };
@@ -223,7 +226,8 @@ impl Service {
         let app = App::new(&options, &packings, shutdown.clone(), &here, files.clone(), connected);
         let executor = Executor { kind: packings, shutdown };
         let reload = Arc::default();
-        Ok(Self { app, executor, here, listener, connections, options, files, reload, _lock: lock })
+        let folders = OpenFiles::of(folders_of(&options)).map_err(data_dir)?;
+        Ok(Self { app, executor, here, listener, connections, options, files, reload, folders, _lock: lock })
     }
 
     /// Where it listens.
@@ -243,8 +247,12 @@ impl Service {
 
     /// Serves until [`Self::shutdown`] is cancelled, then ends in order: no new connections, event
     /// streams end, running jobs go back to the queue, the store closes.
-    pub(crate) async fn serve(self) {
-        let Self { app, executor, here, listener, connections, options, files, reload, _lock } = self;
+    ///
+    /// # Errors
+    /// The store or a folder of the service was moved, removed or replaced; then the service has ended by itself.
+    pub(crate) async fn serve(self) -> Result<(), Unusable> {
+        let Self { app, executor, here, listener, connections, options, files, reload, folders, _lock } =
+            self;
         let (store, shutdown) = (here.store.clone(), executor.shutdown.clone());
         let router = http::router(app.clone());
         let checks = tasks::spawn(app.shared.checks.clone().run());
@@ -252,6 +260,7 @@ impl Service {
         let workers = tasks::spawn(work(executor, here, options.clone(), files.webhook_secrets));
         let audit = files.audit;
         app.set_ready(true);
+        let watched = tasks::spawn(watch_store(store.clone(), folders, shutdown.clone()));
         let stopped = tasks::spawn({
             let shutdown = shutdown.clone();
             async move {
@@ -277,6 +286,7 @@ impl Service {
             let _ = tasks::blocking(move || audit.close()).await;
         }
         tracing::info!("stopped");
+        watched.await.unwrap_or(Ok(()))
     }
 }
 
@@ -364,6 +374,22 @@ async fn watch_settings(files: OperatorFiles, reload: Arc<Notify>, shutdown: Can
     }
 }
 
+/// Ends the service where its store or its data directory is replaced: what it accepts then is lost.
+async fn watch_store(store: Store, folders: OpenFiles, shutdown: CancellationToken) -> Result<(), Unusable> {
+    tokio::select! {
+        why = store.watch(folders) => {
+            shutdown.cancel();
+            Err(why)
+        }
+        () = shutdown.cancelled() => Ok(()),
+    }
+}
+
+/// The data directory and its lock. The place of files is watched by its mark (see [`places`]).
+fn folders_of(options: &ServeOptions) -> [PathBuf; 2] {
+    [options.data_dir.clone(), options.data_dir.join("lock")]
+}
+
 /// Starts jobs that wait for room as soon as there is some, and takes the reserve of disk space again after a deletion
 /// has used it.
 async fn watch_room(here: Here, shutdown: CancellationToken) {
@@ -373,6 +399,9 @@ async fn watch_room(here: Here, shutdown: CancellationToken) {
             () = shutdown.cancelled() => return,
         }
         here.store.refill_reserve().await;
+        if let Err(error) = here.store.give_back_pages().await {
+            tracing::warn!(%error, "free space of the database was not given back to the file system");
+        }
         if let Err(error) = here.storage.start_what_fits().await {
             tracing::warn!(%error, "jobs that wait for room could not be started");
         }

@@ -1,7 +1,7 @@
 //! How much may be stored: the free space of the disk, a quota of the service, and a quota of each owner.
 //!
-//! Results and kept exports count; the cache does not, for it makes way. A job is estimated before it is accepted and
-//! before it runs, an export is watched while it is written.
+//! Results, kept exports and requests count; the cache does not, for it makes way. A job is estimated before it is
+//! accepted and before it runs, an export is watched while it is written.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -58,8 +58,10 @@ impl std::fmt::Display for NoRoom {
         write!(f, "it needs about {needed} bytes, and {left} are left ")?;
         match bound {
             Bound::Disk => write!(f, "on the disk of the server"),
-            Bound::Service(quota) => write!(f, "of the {quota} that results and exports may take"),
-            Bound::Owner(quota) => write!(f, "of the {quota} that results and exports of one owner may take"),
+            Bound::Service(quota) => write!(f, "of the {quota} that results, exports and requests may take"),
+            Bound::Owner(quota) => {
+                write!(f, "of the {quota} that results, exports and requests of one owner may take")
+            }
         }
     }
 }
@@ -233,8 +235,9 @@ mod tests {
                 .await
                 .unwrap();
         let disk = Disk::new(folder.path().into(), Some(0), Shortage::default());
-        let mut storage = Storage::new(store.clone(), disk, Some(1000), Arc::default());
         paused(&store).await;
+        let requests: u64 = store.stored_bytes().await.unwrap().values().sum();
+        let mut storage = Storage::new(store.clone(), disk, Some(requests + 1000), Arc::default());
         // Something else than the room kept its result from being stored.
         storage.wait_for_room("", 1000).await;
         storage.start_what_fits().await.unwrap();
@@ -244,10 +247,10 @@ mod tests {
         storage.wait_for_room("other", 1001).await;
         storage.start_what_fits().await.unwrap();
         assert!(store.claim().await.unwrap().is_none());
-        storage.max_bytes = Some(1499);
+        storage.max_bytes = Some(requests + 1499);
         storage.start_what_fits().await.unwrap();
         assert!(store.claim().await.unwrap().is_none(), "for another owner there is room");
-        storage.max_bytes = Some(1500);
+        storage.max_bytes = Some(requests + 1500);
         storage.start_what_fits().await.unwrap();
         let lease = store.claim().await.unwrap().unwrap().lease;
         // What was noted is forgotten.
@@ -262,7 +265,8 @@ mod tests {
         let refused = fits(11, (10, Bound::Owner(40))).unwrap_err();
         assert_eq!(
             refused.to_string(),
-            "it needs about 11 bytes, and 10 are left of the 40 that results and exports of one owner may take"
+            "it needs about 11 bytes, and 10 are left of the 40 that results, exports and requests of one owner \
+             may take"
         );
     }
 

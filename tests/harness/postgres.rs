@@ -5,6 +5,7 @@ use std::os::unix::fs::{PermissionsExt as _, chown};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
 
 /// Set where the tests that need PostgreSQL must not be left out.
@@ -101,6 +102,20 @@ impl Postgres {
         self.run("pg_ctl", &format!("-D {} -w -m immediate stop", self.data().display()));
     }
 
+    /// Lets no process of it run until what is returned is dropped: connections hang without an error.
+    pub(crate) fn suspend(&self) -> Suspended {
+        let file = std::fs::read_to_string(self.data().join("postmaster.pid")).expect("a running PostgreSQL");
+        let parent = file.lines().next().expect("a number").to_owned();
+        let children =
+            Command::new("ps").args(["-o", "pid=", "--ppid", &parent]).output().expect("ps starts");
+        let mut processes = vec![parent];
+        let children = String::from_utf8_lossy(&children.stdout).into_owned();
+        processes.extend(children.split_whitespace().map(str::to_owned));
+        let suspended = Suspended { processes };
+        suspended.signal(Signal::STOP);
+        suspended
+    }
+
     /// The answer to a query in a database, fields separated by bars.
     pub(crate) fn ask(&self, name: &str, query: &str) -> String {
         psql(&self.database(name), query).expect("psql answers")
@@ -124,6 +139,27 @@ impl Postgres {
         // A database that goes on running must not keep a pipe of this process open.
         let status = command.current_dir("/").stdout(std::process::Stdio::null()).status().expect("a shell");
         assert!(status.success(), "{line}: {status}");
+    }
+}
+
+/// Processes that are stopped; dropped, they go on.
+pub(crate) struct Suspended {
+    processes: Vec<String>,
+}
+
+impl Suspended {
+    fn signal(&self, signal: Signal) {
+        for process in &self.processes {
+            let process = process.parse().ok().and_then(Pid::from_raw).expect("the number of a process");
+            // One that ended meanwhile needs nothing.
+            let _ = kill_process(process, signal);
+        }
+    }
+}
+
+impl Drop for Suspended {
+    fn drop(&mut self) {
+        self.signal(Signal::CONT);
     }
 }
 

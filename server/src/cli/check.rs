@@ -14,7 +14,9 @@ use crate::artifacts::{Artifacts, Settled};
 use crate::blobs::owner::{self, Owner, OwnerError};
 use crate::blobs::{Blobs, Files, Place};
 use crate::checkpoints;
-use crate::jobs::store::{Database, ExpectedFile, NoDatabase, files_of, known_of};
+use crate::jobs::store::{
+    DamagedRow, Database, ExpectedFile, NoDatabase, files_of, known_of, read_every_row,
+};
 use crate::tasks;
 
 /// Name of the database in a data directory.
@@ -61,6 +63,15 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             return Err(format!("{path} is no data directory: it holds no {DATABASE}").into());
         }
     };
+    let database = match &options.store {
+        Some(url) => url.parse().map_err(|error: NoDatabase| format!("--store {error}"))?,
+        None => Database::File(directory.join(DATABASE)),
+    };
+    let read = block_on(async { Ok(read_every_row(&database).await?) })?;
+    faults.extend(read.damaged.into_iter().map(|(table, DamagedRow { id, fault })| Found {
+        path: format!("{table} {id}").trim_end().to_owned(),
+        fault,
+    }));
     let files: Arc<[ExpectedFile]> = files.into();
     let compared = block_on(compare(options, &files))?;
     faults.extend(compared.faults);
@@ -75,8 +86,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let bytes: u64 = files.iter().map(|file| file.bytes).sum();
     print(&format!(
-        "{} files checked, {} faults ({bytes} bytes compared with the SHA-256 of each file, {} checkpoints with their \
+        "{} rows and {} files checked, {} faults ({bytes} bytes compared with the SHA-256 of each file, {} checkpoints with their \
          sums)\n",
+        read.rows,
         files.len(),
         faults.len(),
         compared.checkpoints

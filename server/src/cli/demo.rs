@@ -106,7 +106,7 @@ async fn demonstrate(data_dir: PathBuf, files: &[PathBuf]) -> Result<Value, Fail
     say(&format!("The service listens on http://{address} for the time of this demo."));
     let shown = show(Client::new(address), files).await;
     shutdown.cancel();
-    serving.await?;
+    serving.await??;
     shown
 }
 

@@ -37,7 +37,7 @@ pub(super) struct Options {
     /// Most grains of one packing
     #[arg(long, value_name = "GRAINS")]
     max_grains: Option<u64>,
-    /// Most bytes of the owner's results and kept exports
+    /// Most bytes of the owner's results, kept exports and requests
     #[arg(long, value_name = "BYTES")]
     max_stored_bytes: Option<u64>,
     /// Most requests of the key in a second, on average

@@ -2,7 +2,7 @@
 
 use tokio::signal::unix::{SignalKind, signal};
 
-use super::exit::Failure;
+use super::exit::{Exit, Failure};
 use super::{block_on, print};
 use crate::base_path;
 use crate::config::ServeOptions;
@@ -48,7 +48,6 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
             tracing::info!(signal = name, "stopping");
             shutdown.cancel();
         });
-        service.serve().await;
-        Ok(())
+        service.serve().await.map_err(|why| Exit::Machine.because(why))
     })
 }

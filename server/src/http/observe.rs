@@ -20,7 +20,7 @@ use uuid::Uuid;
 use crate::accounts::{Caller, Rate};
 use crate::http::app::App;
 use crate::http::auditing::Audited;
-use crate::http::problems::{PROBLEM_JSON, Unwritten};
+use crate::http::problems::{PROBLEM_JSON, Unwritten, unusable};
 use crate::http::response::protect;
 use crate::http::session::Site;
 use crate::http::{access, auth, hosts, session, web};
@@ -65,6 +65,9 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
             let caller = authorize(&app, &route, &method, request.headers(), site)?;
             key.clone_from(&caller.by.key);
             admit(&app, &route, &caller)?;
+            if !is_open(&route) {
+                app.shared.store.usable().map_err(|why| unusable(&why))?;
+            }
             audited = Audited::begin(&app, (&method, &route, &path), &id, &client, &caller);
             access::check(&app, &caller, &route, &mut request).await?;
             Ok::<_, Problem>(caller)

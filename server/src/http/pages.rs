@@ -6,6 +6,7 @@
 
 use std::fmt::Debug;
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 #[cfg(test)]
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
@@ -14,7 +15,7 @@ use crate::base_path;
 use crate::hex;
 use crate::http::params::values::{Value, WholeNumber};
 use crate::http::params::{ParameterSet, pairs, parameters, shown};
-use crate::jobs::store::Position;
+use crate::jobs::store::{DamagedRow, Position};
 use crate::problem::{Fault, Problem};
 
 const CHECK_BYTES: usize = 8;
@@ -29,6 +30,23 @@ parameters! {
         pub(crate) limit: WholeNumber<1, 500, 50>,
         /// `next_cursor` of the page before, with the same filters.
         pub(crate) cursor: Option<Cursor>,
+    }
+}
+
+/// An item of a page whose record in the database is damaged.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct DamagedItem {
+    /// Its ID; empty where that cannot be read either.
+    id: String,
+    /// What is wrong with the record.
+    detail: String,
+}
+
+impl DamagedItem {
+    /// The damaged items of a page.
+    pub(crate) fn all(rows: Vec<DamagedRow>) -> Vec<Self> {
+        rows.into_iter().map(|DamagedRow { id, fault }| Self { id, detail: fault }).collect()
     }
 }
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::http::app::App;
 use crate::http::exports::view::Export;
-use crate::http::pages::{self, PageParameters};
+use crate::http::pages::{self, DamagedItem, PageParameters};
 use crate::http::params::{IdPath, JobPath, Query};
 use crate::http::problems::refused;
 use crate::http::response::set;
@@ -20,6 +20,11 @@ use crate::problem::Problem;
 pub(crate) struct ExportPage {
     /// The exports, newest first.
     items: Vec<Export>,
+    /// Items of the page whose record in the database is damaged; they are left out of `items`. Absent where there are
+    /// none.
+    #[cfg_attr(test, schema(required = false))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    damaged: Vec<DamagedItem>,
     /// Where the next page starts; `null` on the last.
     #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
@@ -47,10 +52,15 @@ pub(crate) async fn list(
     let store = &app.shared.store;
     let job = store.get(id).await.and_then(|job| job.ok_or(StoreError::NoJob));
     let job = job.map_err(|error| refused(error, id))?;
-    let (records, next) = store.list_exports(job.seq, before, page.limit.get()).await?;
-    let next_cursor = next.map(|seq| pages::cursor(seq, &listing));
-    let items = records.iter().map(Export::of).collect();
-    let mut response = axum::Json(ExportPage { items, next_cursor: next_cursor.clone() }).into_response();
+    let found = store.list_exports(job.seq, before, page.limit.get()).await?;
+    let next_cursor = found.next_before.map(|seq| pages::cursor(seq, &listing));
+    let items = found.exports.iter().map(Export::of).collect();
+    let mut response = axum::Json(ExportPage {
+        items,
+        damaged: DamagedItem::all(found.damaged),
+        next_cursor: next_cursor.clone(),
+    })
+    .into_response();
     if let Some(cursor) = next_cursor {
         page.turn_to(&cursor);
         set(&mut response, header::LINK, &pages::link(&format!("/v1/jobs/{id}/exports"), &page));

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
-use crate::http::pages::{self, PageParameters};
+use crate::http::pages::{self, DamagedItem, PageParameters};
 use crate::http::params::values::{Labels, OrDefault, Text, Time};
 use crate::http::params::{Choice as _, IdPath, ParameterSet, Query, StudyPath, choices, parameters};
 use crate::http::problems::refused;
@@ -26,6 +26,11 @@ use crate::problem::Problem;
 pub(crate) struct JobPage {
     /// The jobs in the order of `sort`, without their requests.
     items: Vec<JobSummary>,
+    /// Items of the page whose record in the database is damaged; they are left out of `items`. Absent where there are
+    /// none.
+    #[cfg_attr(test, schema(required = false))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    damaged: Vec<DamagedItem>,
     /// Where the next page starts; `null` on the last.
     #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
@@ -193,7 +198,8 @@ impl JobListParameters {
 async fn page(app: &App, filter: &Filter, page: &PageParameters) -> Result<JobPage, Problem> {
     let found = app.shared.store.list(filter, page.after(filter)?, page.limit.get()).await?;
     let items = JobSummary::of_all(app, &found.jobs).await?;
-    Ok(JobPage { items, next_cursor: found.next_after.map(|item| pages::cursor(item, filter)) })
+    let next_cursor = found.next_after.map(|item| pages::cursor(item, filter));
+    Ok(JobPage { items, damaged: DamagedItem::all(found.damaged), next_cursor })
 }
 
 impl JobPage {

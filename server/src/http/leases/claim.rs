@@ -270,7 +270,7 @@ mod tests {
         let bytes = answer.into_body().collect().await.unwrap().to_bytes();
         assert_eq!(&bytes[..], b"the leases");
         // Whatever the drop of the body has begun is before this in the queue of the writer.
-        store.check_writable().await.unwrap();
+        store.works().await.unwrap();
         assert_eq!(state(&store, id).await, State::Running);
     }
 }

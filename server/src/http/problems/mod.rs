@@ -4,4 +4,4 @@ mod response;
 #[cfg(test)]
 pub(crate) mod sets;
 
-pub(crate) use response::{PROBLEM_JSON, Unwritten, of_fault, refused};
+pub(crate) use response::{PROBLEM_JSON, Unwritten, of_fault, refused, unusable};

@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use packstone_engine::FieldError;
 
 use crate::failure::Failure;
-use crate::jobs::store::{Fault, StoreError};
+use crate::jobs::store::{Fault, StoreError, Unusable};
 use crate::problem::{Kind, Problem};
 
 /// Media type of the documents.
@@ -58,9 +58,18 @@ pub(crate) fn of_fault(fault: Fault) -> Problem {
         Fault::NoSpace => (Kind::InsufficientStorage, "the disk of the server is full"),
         Fault::Locked => (Kind::NotReady, "another program holds a lock on the database of the server"),
         Fault::NoMemory => (Kind::NotReady, "the server has no memory left"),
+        Fault::Damaged => (
+            Kind::NotReady,
+            "the database of the server is damaged: the operator has to restore it (docs/operation.md)",
+        ),
         Fault::Io => (Kind::NotReady, "the server cannot read or write its files at present"),
     };
     Problem::new(kind, detail).with_header("retry-after", "5")
+}
+
+/// The answer where the store is not the one that was opened, or is silent.
+pub(crate) fn unusable(why: &Unusable) -> Problem {
+    Problem::new(Kind::NotReady, why.to_string()).with_header("retry-after", "5")
 }
 
 impl From<StoreError> for Problem {
@@ -89,6 +98,16 @@ impl From<StoreError> for Problem {
             StoreError::NoStudy => Self::new(Kind::NotFound, "there is no such study any more"),
             other => {
                 tracing::error!(error = %other, "the store failed");
+                if let StoreError::Row(fault) = &other {
+                    let detail = format!(
+                        "a record of the database is damaged: {fault}. Other records can be read; the operator runs \
+                         `packstone check`"
+                    );
+                    return Self::new(Kind::NotReady, detail).with_header("retry-after", "60");
+                }
+                if let StoreError::Unusable(why) = &other {
+                    return unusable(why);
+                }
                 match other.fault() {
                     Some(fault) => of_fault(fault),
                     None => Self::internal(),

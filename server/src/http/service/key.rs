@@ -44,7 +44,7 @@ pub(crate) struct KeyUsage {
     queued: u64,
     /// Jobs that run.
     running: u64,
-    /// Bytes of results and kept exports.
+    /// Bytes of results, kept exports and requests.
     stored_bytes: u64,
 }
 

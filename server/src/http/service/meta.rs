@@ -259,7 +259,8 @@ pub(crate) struct Health {
 
 /// Whether the process works
 ///
-/// It fails only where the database cannot be opened any more, so that a restart is the only help.
+/// It fails only where the database cannot be opened any more, does not answer for a minute, or is another one than at
+/// the start, so that a restart is the only help.
 #[cfg_attr(test, utoipa::path(
     get, path = "/healthz", tag = "service", operation_id = "get_health",
     responses(
@@ -316,8 +317,9 @@ impl ReadinessDetail {
 /// Whether the service takes jobs
 ///
 /// False while it starts or stops, and while it cannot write to its data directory: while less space is free than must
-/// stay free, and after a write failed on a full disk until a write succeeds. `details` names what is wrong although
-/// jobs are taken, as a file of API keys that cannot be read again.
+/// stay free, and after a write failed on a full disk until a write succeeds. False too while the store does not
+/// answer, is damaged or cannot be written, and once its files or its database were moved, removed or replaced.
+/// `details` names what is wrong although jobs are taken, as a file of API keys that cannot be read again.
 #[cfg_attr(test, utoipa::path(
     get, path = "/readyz", tag = "service", operation_id = "get_readiness",
     responses(
@@ -330,6 +332,7 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     if !app.is_ready() {
         return Err(not_ready("the server is starting or stopping"));
     }
+    app.shared.store.usable().map_err(|why| not_ready(&why.to_string()))?;
     let disk = &app.shared.disk;
     match disk.space() {
         Ok(space) if space.free < disk.min_free_bytes(space) => {
@@ -348,9 +351,9 @@ pub(crate) async fn ready(State(app): State<App>) -> Result<Response, Problem> {
     if tasks::blocking(move || trial.is_short()).await.unwrap_or(true) {
         return Err(not_ready("a write failed because the disk is full, and it is still full"));
     }
-    app.shared.store.check_writable().await.map_err(|error| {
-        tracing::error!(%error, "the store cannot be written");
-        not_ready("the store cannot be written; the server's log says why")
+    app.shared.store.works().await.map_err(|why| {
+        tracing::error!(%why, "the store cannot be used");
+        not_ready(&why.to_string())
     })?;
     Ok(axum::Json(Readiness { status: "ready", details: ReadinessDetail::all(&app) }).into_response())
 }

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::accounts::Caller;
 use crate::http::app::App;
-use crate::http::pages::{self, PageParameters};
+use crate::http::pages::{self, DamagedItem, PageParameters};
 use crate::http::params::values::Labels;
 use crate::http::params::{Query, choices, parameters};
 use crate::http::response::set;
@@ -22,6 +22,11 @@ use crate::problem::Problem;
 pub(crate) struct StudyPage {
     /// The studies, newest first, without their requests.
     items: Vec<StudySummary>,
+    /// Items of the page whose record in the database is damaged; they are left out of `items`. Absent where there are
+    /// none.
+    #[cfg_attr(test, schema(required = false))]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    damaged: Vec<DamagedItem>,
     /// Where the next page starts; `null` on the last.
     #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
@@ -71,7 +76,8 @@ pub(crate) async fn list(
         pages::link("/v1/studies", &query)
     });
     let items = found.studies.iter().map(|study| StudySummary::of(&app, study)).collect();
-    let mut response = axum::Json(StudyPage { items, next_cursor }).into_response();
+    let mut response = axum::Json(StudyPage { items, damaged: DamagedItem::all(found.damaged), next_cursor })
+        .into_response();
     if let Some(link) = link {
         set(&mut response, header::LINK, &link);
     }

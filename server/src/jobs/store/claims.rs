@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use super::bodies::{self, body_of_job};
 use super::db::{Row, Source, Transaction, either, query};
 use super::leases::Claim;
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
+use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobRecord, Lease};
 
 /// The jobs of an owner in the order of the queue, at the time `?1`, without those that have expired: they are
@@ -87,7 +89,8 @@ macro_rules! lease {
                  where leased.claim = ?8 and leased.worker_key = ?7 and leased.state = 'running'
              ) returning *, cast(null as text) as path,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id,
-                 (select job_requests.body from job_requests where job_requests.job = jobs.seq) as body"
+                 ",
+            body_of_job!()
         )
     };
 }
@@ -107,7 +110,7 @@ impl Claimed {
     /// The running jobs that a claim has leased before.
     pub(super) async fn before(claim: &Claim, tx: &mut Transaction<'_>) -> Result<Vec<Self>, StoreError> {
         let found = query(rows::select_jobs!(
-            ", (select body from job_requests where job = jobs.seq) as body",
+            concat!(", ", body_of_job!()),
             "where jobs.claim = ? and jobs.worker_key = ? and jobs.state = 'running' and jobs.received_at is null
              order by jobs.seq"
         ))
@@ -123,8 +126,31 @@ impl Claimed {
         let job = rows::job(row)?;
         let study = job.study.map(|place| place.id);
         let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-        Ok(Self { lease, job, request: row.try_get("body")?, faults: row.try_get("faults")? })
+        let request = bodies::checked(row, "body", "body_digest")?.to_owned();
+        Ok(Self { lease, job, request, faults: row.try_get("faults")? })
     }
+}
+
+/// Ends a job whose row or request is damaged: it would be leased again and again, before all others.
+async fn fail_damaged(tx: &mut Transaction<'_>, job: &Row, fault: &str, now: i64) -> Result<(), StoreError> {
+    tracing::error!(
+        id = job.text("id").unwrap_or(""),
+        fault,
+        "a queued job is damaged in the database and fails"
+    );
+    let detail = format!("the record of the job in the database is damaged ({fault}): submit the job again");
+    let failure = Failure::new(FailureCode::InternalError, &detail);
+    query(
+        "update jobs set state = 'failed', version = version + 1, finished_at = ?1, updated_at = ?1,
+             lease_expires_at = null, error = ?2
+         where seq = ?3",
+    )
+    .bind(now)
+    .bind(to_json(&failure)?)
+    .bind(job.try_get::<i64>("seq")?)
+    .execute(tx)
+    .await?;
+    Ok(())
 }
 
 /// Who takes a lease.
@@ -171,23 +197,32 @@ impl Store {
                 (claim.worker.as_str(), claim.key.as_str(), Some(&claim.id), leased as i64, claim.remaining)
             }
         };
-        let held_back = self.held_back(&mut *tx).await?;
+        let held_back = to_json(&self.held_back(&mut *tx).await?)?;
+        let engine = to_json(&packstone_engine::export::tables::EngineInfo::current())?;
         let now = self.now_us();
-        let text = match remaining {
-            None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
-            Some(_) => either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within))),
-        };
-        let leasing = query(text)
-            .bind(now)
-            .bind(to_json(&held_back)?)
-            .bind(remaining.map(micros))
-            .bind(now.saturating_add(micros(self.limits().lease)))
-            .bind(to_json(&packstone_engine::export::tables::EngineInfo::current())?)
-            .bind(worker)
-            .bind(key)
-            .bind(claim)
-            .bind(leased);
-        leasing.fetch_optional(tx).await?.map(|row| Claimed::of(&row)).transpose()
+        loop {
+            let text = match remaining {
+                None => either(lease!(next_in_queue!(sqlite)), lease!(next_in_queue!(postgres))),
+                Some(_) => {
+                    either(lease!(next_in_queue!(sqlite within)), lease!(next_in_queue!(postgres within)))
+                }
+            };
+            let leasing = query(text)
+                .bind(now)
+                .bind(&held_back)
+                .bind(remaining.map(micros))
+                .bind(now.saturating_add(micros(self.limits().lease)))
+                .bind(&engine)
+                .bind(worker)
+                .bind(key)
+                .bind(claim)
+                .bind(leased);
+            let Some(row) = leasing.fetch_optional(&mut *tx).await? else { return Ok(None) };
+            match Claimed::of(&row) {
+                Err(StoreError::Row(fault)) => fail_damaged(tx, &row, &fault, now).await?,
+                claimed => return claimed.map(Some),
+            }
+        }
     }
 
     /// Whether a job waits that a worker with so much time left could lease now. Leases nothing.

@@ -122,6 +122,19 @@ impl Database {
         }
     }
 
+    /// The files that an open database has.
+    pub(super) fn open_files(&self) -> Vec<PathBuf> {
+        let Some(file) = self.file() else { return Vec::new() };
+        // SQLite puts the log beside the file itself, whatever link its name is.
+        let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
+        let beside = |ending: &str| {
+            let mut name = real.clone().into_os_string();
+            name.push(ending);
+            PathBuf::from(name)
+        };
+        vec![file.to_owned(), beside("-wal"), beside("-shm")]
+    }
+
     /// The way to the other servers, with its other end, where there may be any.
     #[cfg(feature = "postgres")]
     pub(super) fn servers(&self) -> Option<(Servers, Others)> {

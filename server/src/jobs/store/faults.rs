@@ -1,6 +1,6 @@
 //! Which errors of the database are faults of the machine, which pass, and not of the program.
 
-use super::StoreError;
+use super::{StoreError, Unusable};
 
 /// A fault of the machine that the database met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,6 +13,8 @@ pub(crate) enum Fault {
     NoMemory,
     /// A file could not be opened, read or written: no descriptors, a failing disk, a read-only file system.
     Io,
+    /// Pages of the database are not what was written, or the file is none.
+    Damaged,
 }
 
 /// The fault behind an error of the database; `None` where the program is at fault.
@@ -26,6 +28,7 @@ pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
         }
         sqlx::Error::Database(error) => by_code(error.code()?.parse().ok()?),
         sqlx::Error::Io(error) if crate::disk::is_full(error) => Some(Fault::NoSpace),
+        sqlx::Error::Configuration(why) if why.is::<Unusable>() => Some(Fault::Io),
         // What is left of a transaction that SQLite rolled back by itself; see `writer`.
         sqlx::Error::Io(_)
         | sqlx::Error::PoolTimedOut
@@ -45,6 +48,7 @@ fn by_code(code: i32) -> Option<Fault> {
         (_, 5 | 6 | 15) => Some(Fault::Locked),
         (_, 7) => Some(Fault::NoMemory),
         (_, 8 | 10 | 14) => Some(Fault::Io),
+        (_, 11 | 26) => Some(Fault::Damaged),
         _ => None,
     }
 }
@@ -61,6 +65,7 @@ fn by_sqlstate(code: &str) -> Option<Fault> {
         // input or output, a lost connection, a server that lets nobody write.
         "53300" | "57P01" | "57P02" | "57P03" | "57P05" | "25P03" | "58030" | "25006" => Some(Fault::Io),
         _ if code.starts_with("08") => Some(Fault::Io),
+        "XX001" | "XX002" => Some(Fault::Damaged),
         _ => None,
     }
 }
@@ -70,6 +75,7 @@ impl StoreError {
     pub(crate) fn fault(&self) -> Option<Fault> {
         match self {
             Self::Database(error) => fault_of(error),
+            Self::Unusable(_) => Some(Fault::Io),
             _ => None,
         }
     }
@@ -93,6 +99,7 @@ mod tests {
             ("25P03", Some(Fault::Io)),
             ("08006", Some(Fault::Io)),
             ("40P01", Some(Fault::Locked)),
+            ("XX001", Some(Fault::Damaged)),
             ("23505", None),
             ("42601", None),
         ] {
@@ -110,6 +117,9 @@ mod tests {
             (7, Some(Fault::NoMemory)),
             (14, Some(Fault::Io)),
             (778, Some(Fault::Io)),
+            (11, Some(Fault::Damaged)),
+            (267, Some(Fault::Damaged)),
+            (26, Some(Fault::Damaged)),
             (1, None),
             (787, None),
         ] {

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::db::query;
+use super::presence::Damage;
 use super::{Database, StoreError, schema};
 
 /// A result or an export as the database has it.
@@ -24,7 +25,7 @@ pub(crate) async fn known_of(
     database: &Database,
     ids: &BTreeSet<String>,
 ) -> Result<(String, BTreeSet<String>), StoreError> {
-    let readers = database.options().readers().await?;
+    let readers = database.options().readers(None, &Damage::default()).await?;
     let mut tx = readers.begin().await?;
     let identity = schema::read(&mut tx, database).await?;
     let mut known = BTreeSet::new();
@@ -44,7 +45,7 @@ pub(crate) async fn known_of(
 /// # Errors
 /// The database's, or its tables are not those of this version.
 pub(crate) async fn files_of(database: &Database) -> Result<Vec<ExpectedFile>, StoreError> {
-    let readers = database.options().readers().await?;
+    let readers = database.options().readers(None, &Damage::default()).await?;
     let mut tx = readers.begin().await?;
     schema::read(&mut tx, database).await?;
     let rows = query(

@@ -6,8 +6,10 @@
 //! one after another in one transaction, commits it, and tells each of them its result. Each sees the changes of those
 //! before it, as if it had been alone.
 //!
-//! A write that fails takes the transaction back. Each of its writes then runs once more, in a transaction of its own,
-//! so that none fails because of another. A write must therefore be repeatable: it changes nothing but the database.
+//! Each write begins with a savepoint, to which a write that fails is rolled back: the others are committed. Where
+//! SQLite has rolled the whole transaction back by itself, as on a full disk, there is no savepoint any more: then each
+//! write runs once more, in a transaction of its own, so that none fails because of another. A write must therefore be
+//! repeatable: it changes nothing but the database.
 
 use std::collections::VecDeque;
 use std::pin::Pin;
@@ -128,7 +130,7 @@ impl Store {
     }
 }
 
-/// Runs writes in one transaction, and each in one of its own where one fails.
+/// Runs writes in one transaction, and each in one of its own where that was lost.
 async fn run_all(writing: &mut Writing<'_>, mut writes: Vec<Box<dyn SharedWrite>>) {
     let ended = in_one_transaction(writing, &mut writes).await;
     let is_refused = matches!(ended, Ok(false)) && writes.len() > 1;
@@ -143,7 +145,8 @@ async fn run_all(writing: &mut Writing<'_>, mut writes: Vec<Box<dyn SharedWrite>
     }
 }
 
-/// Runs writes in one transaction and commits it. Where one fails, nothing is changed and the answer is `false`.
+/// Runs writes in one transaction and commits what those have changed that did not fail. Where the transaction is lost
+/// by a failure, nothing is changed and the answer is `false`.
 async fn in_one_transaction(
     writing: &mut Writing<'_>,
     writes: &mut [Box<dyn SharedWrite>],
@@ -151,13 +154,18 @@ async fn in_one_transaction(
     let is_quick = writes.iter().all(|write| write.durability() == Durability::ProcessEnd);
     writing.prepare(if is_quick { Durability::ProcessEnd } else { Durability::PowerCut }).await?;
     let mut tx = writing.begin().await?;
-    for write in writes {
-        if !write.run(&mut tx).await {
-            // Where this fails the connection is replaced before the next write.
-            let _ = tx.rollback().await;
-            writing.doubt();
-            return Ok(false);
+    let are_several = writes.len() > 1;
+    for (place, write) in writes.iter_mut().enumerate() {
+        if are_several {
+            tx.set_savepoint(place == 0).await?;
         }
+        if write.run(&mut tx).await || (are_several && tx.roll_back_to_savepoint().await.is_ok()) {
+            continue;
+        }
+        // Where this fails the connection is replaced before the next write.
+        let _ = tx.rollback().await;
+        writing.doubt();
+        return Ok(false);
     }
     tx.commit().await?;
     Ok(true)
@@ -233,14 +241,15 @@ mod tests {
     async fn a_write_that_fails_takes_back_itself_and_no_other() {
         let Ended { answers, seen, paths } = together(&[("a", false), ("b", true), ("c", false)]).await;
         assert!(matches!(answers[..], [Ok(0), Err(StoreError::LeaseLost), Ok(1)]), "{answers:?}");
-        assert_eq!(seen, ["a: 0 0", "b: 1 0", "a: 0 0", "b: 1 1", "c: 1 1"]);
+        assert_eq!(seen, ["a: 0 0", "b: 1 0", "c: 1 0"], "each ran once, and all in one transaction");
         assert_eq!(paths, ["a", "c"]);
     }
 
     #[tokio::test]
     async fn an_error_of_the_database_is_that_of_its_write_only() {
-        let Ended { answers, paths, .. } = together(&[("a", false), ("a", false), ("b", false)]).await;
+        let Ended { answers, paths, seen } = together(&[("a", false), ("a", false), ("b", false)]).await;
         assert!(matches!(answers[..], [Ok(0), Err(StoreError::Database(_)), Ok(1)]), "{answers:?}");
+        assert_eq!(seen.len(), 3, "each ran once: {seen:?}");
         assert_eq!(paths, ["a", "b"]);
     }
 

@@ -9,12 +9,16 @@
 //! Every change a client can see raises `version` and is sent to [`Notifications`] after its commit. A fault of the
 //! machine does not outlast its cause: see [`writer`] and [`faults`].
 
+mod bodies;
+#[cfg(test)]
+mod bodies_tests;
 mod changes;
 mod checked;
 mod claims;
 mod clock;
 mod database;
 mod db;
+mod every_row;
 mod exports;
 mod faults;
 mod files;
@@ -31,6 +35,7 @@ mod load_tests;
 #[cfg(test)]
 mod owners_tests;
 mod patch;
+mod presence;
 mod query;
 mod received;
 #[cfg(test)]
@@ -71,15 +76,20 @@ use crate::accounts::Accounts;
 use crate::disk::{Reserve, Shortage};
 use crate::ids::{ExportId, StudyId};
 use crate::jobs::request::MAX_LABELS;
+use crate::open_files::OpenFiles;
 use crate::tasks;
 use database::Opened;
-use db::{Durability, Readers};
+use db::{Durability, Readers, either, query as sql};
 use idle_workers::IdleWorkers;
+use presence::{Damage, Mark, Presence};
 use writer::{Writer, Writing};
 
 pub(crate) use checked::{FaultyWorker, FormatLengths, MOST_WRONG_RESULTS};
 pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};
+#[cfg(test)]
+pub(crate) use every_row::RowsRead;
+pub(crate) use every_row::read_every_row;
 pub(crate) use exports::{ClaimedExport, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use files::{ExpectedFile, files_of, known_of};
@@ -87,9 +97,11 @@ pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
 pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
+pub(crate) use presence::Unusable;
 pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
 pub(crate) use received::{Received, ReceivedEnd};
 pub(crate) use retention::FinishedJobs;
+pub(crate) use rows::DamagedRow;
 pub(crate) use schema::SchemaError;
 pub(crate) use standings::Standing;
 pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
@@ -100,6 +112,10 @@ pub(crate) use webhooks::{Attempt, Delivery, DeliveryState, Receiver, WaitingDel
 
 /// Name of the reserve of disk space, beside the database.
 const RESERVE: &str = "reserve";
+/// Free pages that a file of SQLite keeps: 1 MiB.
+const FREE_PAGES: i64 = 256;
+/// Time between two steps that give free pages back, in which others can write.
+const VACUUM_PAUSE: Duration = Duration::from_millis(20);
 /// An unusable database is lost for good after so long.
 const LOST_AFTER: Duration = Duration::from_mins(1);
 
@@ -112,6 +128,9 @@ pub(crate) enum StoreError {
     /// The tables are not those of this version.
     #[error(transparent)]
     Schema(#[from] SchemaError),
+    /// It is not the store any more that was opened, or does not answer.
+    #[error(transparent)]
+    Unusable(#[from] Unusable),
     /// A row holds what this version cannot read.
     #[error("a row of the database is unreadable: {0}")]
     Row(String),
@@ -169,7 +188,11 @@ pub(crate) enum StoreError {
 
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
-        Self::Database(Arc::new(error))
+        match error {
+            // A value of another type, or a text that is none: a damaged row.
+            sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) => Self::Row(error.to_string()),
+            error => Self::Database(Arc::new(error)),
+        }
     }
 }
 
@@ -192,6 +215,7 @@ pub(crate) struct Store {
 struct Shared {
     /// Which database it is.
     identity: String,
+    presence: Presence,
     writer: Writer,
     readers: Readers,
     /// Whether other servers may use the database.
@@ -228,15 +252,18 @@ impl Store {
         limits: StoreLimits,
         accounts: Arc<Accounts>,
     ) -> Result<Self, StoreError> {
-        let Opened { connection, options, identity } = database.open().await?;
-        let readers = options.readers().await?;
-        let writer = Writer::new(connection, options);
+        let Opened { mut connection, options, identity } = database.open().await?;
+        let (mark, damage) = (Mark::read(&mut connection).await?, Damage::default());
+        let readers = options.readers(Some(&mark), &damage).await?;
+        let writer = Writer::new(connection, options, mark.clone());
         // Sets the clock.
         writer.lock(Durability::PowerCut).await?.begin().await?.rollback().await?;
         #[cfg(feature = "postgres")]
         let (servers, others) = database.servers().unzip();
+        let files = OpenFiles::of(database.open_files()).map_err(sqlx::Error::Io)?;
         let shared = Arc::new(Shared {
             identity,
+            presence: Presence::new(files, mark, damage),
             writer,
             readers,
             others_may_use_it: database.is_shared(),
@@ -310,6 +337,18 @@ impl Store {
         }
     }
 
+    /// Gives free pages of the file back to the file system, some at a time, beyond those that are soon used again.
+    pub(crate) async fn give_back_pages(&self) -> Result<(), StoreError> {
+        let free = either("select freelist_count from pragma_freelist_count", "select 0::bigint");
+        while sql(free.clone()).scalar::<i64>(self.readers()).await? > FREE_PAGES {
+            let mut writer = self.quick_writer().await?;
+            sql("pragma incremental_vacuum(500)").execute(&mut writer).await?;
+            drop(writer);
+            tokio::time::sleep(VACUUM_PAUSE).await;
+        }
+        Ok(())
+    }
+
     /// Takes the reserve of disk space again after a deletion has used it, as soon as there is space.
     pub(crate) async fn refill_reserve(&self) {
         if self.shared.reserve.is_held() {
@@ -334,7 +373,9 @@ impl Store {
 
     /// Whether the database cannot be opened any more, and only a restart or an operator can help.
     pub(crate) fn is_lost(&self) -> bool {
-        self.shared.writer.lost_for().is_some_and(|lost_for| lost_for >= LOST_AFTER)
+        let lost_for = self.shared.writer.lost_for().max(self.silent_for());
+        self.usable().is_err_and(|why| why.is_final())
+            || lost_for.is_some_and(|lost_for| lost_for >= LOST_AFTER)
     }
 
     /// Waits for the right to write; what is committed survives a power cut.
@@ -368,14 +409,19 @@ impl Store {
         }
     }
 
-    /// Runs a write to its end whatever becomes of the caller.
+    /// Runs a write to its end whatever becomes of the caller. What it has committed counts only where the store is
+    /// still the one of its name.
     async fn detached<T: Send + 'static>(
         &self,
         write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
     ) -> Result<T, StoreError> {
         let ended = tasks::spawn(write).await?;
-        if ended.as_ref().is_err_and(StoreError::is_full) {
-            self.shared.shortage.note();
+        self.shared.presence.check()?;
+        if let Err(error) = &ended {
+            self.shared.presence.note(error);
+            if error.is_full() {
+                self.shared.shortage.note();
+            }
         }
         ended
     }

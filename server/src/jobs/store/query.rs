@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
+use super::bodies::body_of_job;
 use super::db::{QueryBuilder, Row, query};
-use super::rows::select_jobs;
+use super::rows::{DamagedRow, select_jobs};
 use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::ids::StudyId;
@@ -56,7 +57,7 @@ pub(crate) struct Usage {
     pub(crate) queued: u64,
     /// Jobs that run.
     pub(crate) running: u64,
-    /// Bytes of results and kept exports.
+    /// Bytes of results, kept exports and requests.
     pub(crate) stored_bytes: u64,
 }
 
@@ -106,6 +107,8 @@ impl From<i64> for Position {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Page {
     pub(crate) jobs: Vec<JobRecord>,
+    /// Jobs of the page that cannot be read.
+    pub(crate) damaged: Vec<DamagedRow>,
     /// The jobs beyond this position follow; `None` on the last page.
     pub(crate) next_after: Option<Position>,
 }
@@ -143,12 +146,12 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoJob`], or the database's.
     pub(crate) async fn request(&self, seq: i64) -> Result<Value, StoreError> {
-        let row = query("select body from job_requests where job = ?")
+        let row = query(concat!("select ", body_of_job!(), " from jobs where jobs.seq = ?"))
             .bind(seq)
             .fetch_optional(self.readers())
             .await?
             .ok_or(StoreError::NoJob)?;
-        rows::document(row.text("body")?).await
+        rows::checked_document(&row, "body", "body_digest").await
     }
 
     /// A page of at most `limit` jobs beyond the position `after` in the order of the filter.
@@ -166,16 +169,18 @@ impl Store {
         let after = after.unwrap_or(filter.order.start());
         let query = list_query(filter, after, i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
-        let mut jobs = rows.iter().map(rows::job).collect::<Result<Vec<_>, _>>()?;
-        let more = jobs.len() > limit as usize;
-        jobs.truncate(limit as usize);
-        let next_after = jobs.last().filter(|_| more).map(|job| filter.order.position(job));
-        Ok(Page { jobs, next_after })
+        let (mut jobs, mut damaged) = (Vec::new(), Vec::new());
+        for row in rows.iter().take(limit as usize) {
+            rows::or_damaged(row, rows::job(row), &mut jobs, &mut damaged)?;
+        }
+        let last = rows.get(limit as usize).and_then(|_| rows.get(limit.saturating_sub(1) as usize));
+        let next_after = last.map(|row| filter.order.position(row)).transpose()?;
+        Ok(Page { jobs, damaged, next_after })
     }
 
     /// What the jobs of an owner take.
     pub(crate) async fn usage_of(&self, owner: &str) -> Result<Usage, StoreError> {
-        let row = query("select queued, running from queue_owners where owner = ?")
+        let row = query("select queued, running, request_bytes from queue_owners where owner = ?")
             .bind(owner)
             .fetch_optional(self.readers())
             .await?;
@@ -189,7 +194,8 @@ impl Store {
         .bind(owner)
         .scalar(self.readers())
         .await?;
-        Ok(Usage { queued: count("queued")?, running: count("running")?, stored_bytes: stored as u64 })
+        let stored_bytes = stored as u64 + count("request_bytes")?;
+        Ok(Usage { queued: count("queued")?, running: count("running")?, stored_bytes })
     }
 
     /// How long the job that was accepted first has waited, of those that wait.
@@ -251,14 +257,14 @@ impl Order {
         Position { key: end, seq: end }
     }
 
-    /// The position of a job.
-    fn position(self, job: &JobRecord) -> Position {
+    /// The position of the job of a row.
+    fn position(self, job: &Row) -> Result<Position, StoreError> {
         let key = match self.key {
             SortKey::Created => 0,
-            SortKey::Priority => job.priority,
-            SortKey::Finished => job.finished_at.unwrap_or(NOT_FINISHED),
+            SortKey::Priority => job.try_get("priority")?,
+            SortKey::Finished => job.try_get::<Option<i64>>("finished_at")?.unwrap_or(NOT_FINISHED),
         };
-        Position { key, seq: job.seq }
+        Ok(Position { key, seq: job.try_get("seq")? })
     }
 
     /// What comes before the number in the order: the expressions of the indices.
@@ -354,7 +360,7 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder {
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
     let mut query = QueryBuilder::new(
         "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report,
-             artifacts.format_revision, artifacts.format_lengths, studies.id as study_id
+             artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths, studies.id as study_id
          from job_labels cross join jobs left join artifacts on artifacts.job = jobs.seq
              left join studies on studies.seq = jobs.study
          where jobs.seq = job_labels.job and job_labels.key = ",

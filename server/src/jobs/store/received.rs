@@ -10,6 +10,7 @@
 
 use std::time::Duration;
 
+use super::bodies::{self, body_of_job};
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
@@ -139,15 +140,16 @@ impl Store {
             for lease in &cancelled {
                 delete_artifact(*lease, &mut tx).await?;
             }
-            let next = query(
+            let next = query(concat!(
                 "update jobs set lease_expires_at = ?2 where seq = (
                      select next.seq from jobs as next
                      where ?3 and next.received_at is not null and coalesce(next.lease_expires_at, 0) <= ?1
                      order by next.received_at, next.seq limit 1
                  ) returning seq, id, attempt, worker, worker_key, started_at, received_at, error,
                      (select studies.id from studies where studies.seq = jobs.study) as study_id,
-                     (select job_requests.body from job_requests where job_requests.job = jobs.seq) as body",
-            )
+                     ",
+                body_of_job!()
+            ))
             .bind(now)
             .bind(now.saturating_add(micros(store.limits().lease)))
             .bind(may_begin)
@@ -238,7 +240,7 @@ impl Received {
             ReceivedEnd::Failure(rows::json(&failure)?)
         } else {
             let row = query(
-                "select path, bytes, sha256, report, format_revision, format_lengths from artifacts where job = ?",
+                "select path, bytes, sha256, report, report_digest, format_revision, format_lengths from artifacts where job = ?",
             )
             .bind(lease.seq)
             .fetch_one(tx)
@@ -249,7 +251,7 @@ impl Received {
             lease,
             worker: row.try_get("worker")?,
             key: row.try_get("worker_key")?,
-            request: row.try_get("body")?,
+            request: bodies::checked(row, "body", "body_digest")?.to_owned(),
             started_at: row.try_get("started_at")?,
             at: row.try_get("received_at")?,
             end,
@@ -281,17 +283,20 @@ async fn begin_check(
 }
 
 async fn insert(lease: Lease, artifact: &ArtifactRecord, tx: &mut Transaction<'_>) -> Result<(), StoreError> {
+    let report = to_json(&artifact.report)?;
     query(
-        "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
-         select seq, attempt, ?2, ?3, ?4, ?5, ?6, ?7, owner from jobs where seq = ?1",
+        "insert into artifacts (job, attempt, path, bytes, sha256, report, report_digest, format_revision,
+             format_lengths, owner)
+         select seq, attempt, ?2, ?3, ?4, ?5, ?8, ?6, ?7, owner from jobs where seq = ?1",
     )
     .bind(lease.seq)
     .bind(&artifact.path)
     .bind(artifact.bytes.cast_signed())
     .bind(&artifact.sha256)
-    .bind(to_json(&artifact.report)?)
+    .bind(&report)
     .bind(artifact.format_revision)
     .bind(to_json(&artifact.format_lengths)?)
+    .bind(bodies::digest(&report))
     .execute(tx)
     .await?;
     Ok(())

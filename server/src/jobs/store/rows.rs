@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::StoreError;
 use super::db::{Row, Transaction, query};
+use super::{StoreError, bodies};
 use crate::ids::StudyId;
 use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
 use crate::tasks;
@@ -16,10 +16,10 @@ macro_rules! select_jobs {
     ($tail:literal) => {
         $crate::jobs::store::rows::select_jobs!("", $tail)
     };
-    ($more:literal, $tail:literal) => {
+    ($more:expr, $tail:literal) => {
         concat!(
             "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report, ",
-            "artifacts.format_revision, artifacts.format_lengths, studies.id as study_id",
+            "artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths, studies.id as study_id",
             $more,
             " ",
             "from jobs left join artifacts on artifacts.job = jobs.seq ",
@@ -92,7 +92,7 @@ pub(super) fn artifact(row: &Row) -> Result<ArtifactRecord, StoreError> {
         path: row.try_get("path")?,
         bytes: row.try_get::<i64>("bytes")? as u64,
         sha256: row.try_get("sha256")?,
-        report: json(row.text("report")?)?,
+        report: json(bodies::checked(row, "report", "report_digest")?)?,
         format_revision: row.try_get("format_revision")?,
         format_lengths: json(row.text("format_lengths")?)?,
     })
@@ -126,11 +126,48 @@ pub(super) fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Stor
     serde_json::from_str(text).map_err(|error| StoreError::Row(error.to_string()))
 }
 
-/// A stored document, which may be long.
-pub(super) async fn document(text: &str) -> Result<Value, StoreError> {
-    if text.len() <= LONG {
-        return json(text);
+/// A stored document, which may be long, where it is the one that was stored.
+pub(super) async fn checked_document(row: &Row, text: &str, digest_in: &str) -> Result<Value, StoreError> {
+    if row.text(text)?.len() <= LONG {
+        return json(bodies::checked(row, text, digest_in)?);
     }
-    let text = text.to_owned();
-    tasks::blocking(move || json(&text)).await?
+    let (document, digest) = (row.try_get::<String>(text)?, row.try_get::<i64>(digest_in)?);
+    tasks::blocking(move || bodies::compared(&document, digest).and_then(json)).await?
+}
+
+/// A row that cannot be read, or is not what was stored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct DamagedRow {
+    /// Its ID, as far as it can be read.
+    pub(crate) id: String,
+    /// What is wrong.
+    pub(crate) fault: String,
+}
+
+/// Adds what was read of a row to `read`, or what is wrong with the row to `damaged`.
+///
+/// # Errors
+/// Those that say nothing about the row.
+pub(super) fn or_damaged<T>(
+    row: &Row,
+    record: Result<T, StoreError>,
+    read: &mut Vec<T>,
+    damaged: &mut Vec<DamagedRow>,
+) -> Result<(), StoreError> {
+    match record {
+        Ok(record) => read.push(record),
+        Err(StoreError::Row(fault)) => {
+            let id = row.text("id").unwrap_or("").to_owned();
+            tracing::error!(id, fault, "a record of the database is damaged");
+            damaged.push(DamagedRow { id, fault });
+        }
+        Err(error) => return Err(error),
+    }
+    Ok(())
+}
+
+/// The number below which the next page starts, where one more row than the page takes was read.
+pub(super) fn next_before(rows: &[Row], limit: u32) -> Result<Option<i64>, StoreError> {
+    let last = rows.get(limit as usize).and_then(|_| rows.get(limit.saturating_sub(1) as usize));
+    Ok(last.map(|row| row.try_get("seq")).transpose()?)
 }

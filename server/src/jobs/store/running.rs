@@ -1,6 +1,7 @@
 //! What is written about the end of a running job. Each write names the attempt, and changes
 //! nothing where another one holds the job.
 
+use super::bodies;
 use super::db::{Transaction, either, query};
 use super::exports::insert_beforehand;
 use super::leased::LeasedTask;
@@ -16,8 +17,9 @@ use crate::studies::{Facts, Outcome};
 /// SQLite as one text.
 macro_rules! insert_artifact {
     () => {
-        "insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
-         select seq, attempt, ?5, ?6, ?7, ?8, ?9, ?10, owner from jobs
+        "insert into artifacts (job, attempt, path, bytes, sha256, report, report_digest, format_revision,
+             format_lengths, owner)
+         select seq, attempt, ?5, ?6, ?7, ?8, ?11, ?9, ?10, owner from jobs
          where seq = ?2 and attempt = ?3 and state = 'running'"
     };
 }
@@ -48,7 +50,7 @@ impl Success {
         tx: &mut Transaction<'_>,
     ) -> Result<Vec<JobId>, StoreError> {
         let Self { lease, artifact, progress, facts, postprocess } = self;
-        let now = store.now_us();
+        let (now, report) = (store.now_us(), to_json(&artifact.report)?);
         let moved = query(either(
             concat!(insert_artifact!(), "; ", succeed!()),
             concat!("with stored as (", insert_artifact!(), ") ", succeed!()),
@@ -60,9 +62,10 @@ impl Success {
         .bind(&artifact.path)
         .bind(artifact.bytes.cast_signed())
         .bind(&artifact.sha256)
-        .bind(to_json(&artifact.report)?)
+        .bind(&report)
         .bind(artifact.format_revision)
         .bind(to_json(&artifact.format_lengths)?)
+        .bind(bodies::digest(&report))
         .fetch_optional(&mut *tx)
         .await?;
         let Some(moved) = moved else {

@@ -5,6 +5,7 @@
 
 use packstone_engine::export::tables::EngineInfo;
 
+use super::bodies::StoredBody;
 use super::db::{Durability, Transaction, query};
 use super::{Store, StoreError, forecasts, rows, turns, webhooks};
 use crate::accounts::Submitter;
@@ -55,7 +56,7 @@ pub(crate) enum Submitted {
 struct Documents {
     id: JobId,
     new: NewJob,
-    body: String,
+    body: StoredBody,
     labels: String,
     engine: String,
     warnings: String,
@@ -65,7 +66,7 @@ impl Documents {
     fn of(new: NewJob) -> Result<Self, StoreError> {
         Ok(Self {
             id: JobId::new(),
-            body: to_json(&new.request)?,
+            body: StoredBody::whole(&to_json(&new.request)?),
             labels: to_json(&new.request.labels)?,
             engine: to_json(&EngineInfo::current())?,
             warnings: to_json(&new.warnings)?,
@@ -116,8 +117,8 @@ impl Store {
         let row = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared, forecast_us, least_time_us, threads, most_threads, method)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                 shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
              returning *, cast(null as text) as path, cast(null as text) as study_id",
         )
         .bind(id.to_string())
@@ -142,12 +143,14 @@ impl Store {
         .bind(request.threads)
         .bind(i64::from(new.most_threads))
         .bind(request.method_name())
+        .bind(body.bytes())
         .fetch_one(&mut *tx)
         .await?;
         let job = rows::job(&row)?;
-        query("insert into job_requests (job, body) values (?, ?)")
+        query("insert into job_requests (job, body, digest) values (?, ?, ?)")
             .bind(job.seq)
-            .bind(body)
+            .bind(&body.text)
+            .bind(body.digest)
             .execute(&mut *tx)
             .await?;
         webhooks::insert(&mut *tx, webhooks::Ending::Job(job.seq), request.webhook_url.as_ref()).await?;

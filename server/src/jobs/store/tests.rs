@@ -574,7 +574,7 @@ pub(super) async fn plan_of(store: &Store, sql: &str) -> Vec<String> {
 async fn a_store_that_can_be_written_says_so_and_stays_as_it_is() {
     let (_folder, store) = fresh().await;
     submit(&store, json!({})).await;
-    store.check_writable().await.unwrap();
+    store.works().await.unwrap();
     assert_eq!(store.counts().await.unwrap()[&State::Queued], 1);
     store.close().await;
     assert!(store.get(JobId::new()).await.is_err());

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use super::db::{Row, query};
+use super::db::{Row, Transaction, query};
+use super::exports::export_id;
 use super::leased::{Kind, take_back};
 use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::failure::{Failure, FailureCode};
+use crate::ids::ExportId;
 use crate::jobs::JobId;
 
 /// How far the time of a file may lie behind that of a row written before it, in µs: file systems take it from a clock
@@ -26,7 +28,7 @@ pub(crate) struct Kept {
     pub(crate) at_us: i64,
 }
 
-/// What a stored file contains.
+/// What takes stored bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) enum StoredKind {
     /// The result of a job.
@@ -35,11 +37,13 @@ pub(crate) enum StoredKind {
     Exports,
     /// An export that may be removed and made again.
     Cache,
+    /// The request of a job or a study, in the database.
+    Requests,
 }
 
 impl StoredKind {
     /// All kinds.
-    pub(crate) const ALL: [Self; 3] = [Self::Results, Self::Exports, Self::Cache];
+    pub(crate) const ALL: [Self; 4] = [Self::Results, Self::Exports, Self::Cache, Self::Requests];
 
     /// Name in the database and the metrics.
     pub(crate) fn name(self) -> &'static str {
@@ -47,6 +51,7 @@ impl StoredKind {
             Self::Results => "results",
             Self::Exports => "exports",
             Self::Cache => "cache",
+            Self::Requests => "requests",
         }
     }
 }
@@ -200,9 +205,11 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Bytes of files by name of the API key and kind.
+    /// Bytes of files and requests by owner and kind.
     pub(crate) async fn stored_bytes(&self) -> Result<BTreeMap<(String, StoredKind), u64>, StoreError> {
-        let rows = query("select owner, kind, bytes from stored_bytes").fetch_all(self.readers()).await?;
+        let text = "select owner, kind, bytes from stored_bytes
+             union all select owner, 'requests', request_bytes from queue_owners where request_bytes > 0";
+        let rows = query(text).fetch_all(self.readers()).await?;
         rows.iter()
             .map(|row| {
                 let name: String = row.try_get("kind")?;
@@ -214,17 +221,38 @@ impl Store {
             })
             .collect()
     }
+}
 
-    /// Checks that the database can be written, without a change.
-    pub(crate) async fn check_writable(&self) -> Result<(), StoreError> {
-        let store = self.clone();
-        self.detached(async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            query("update job_counts set jobs = jobs where state = 'queued'").execute(&mut tx).await?;
-            Ok(tx.rollback().await?)
-        })
-        .await
+/// Removes jobs, whose rows have their `seq`. Returns the exports of them that were not finished.
+pub(super) async fn remove_jobs(tx: &mut Transaction<'_>, jobs: &[Row]) -> Result<Vec<ExportId>, StoreError> {
+    let mut seqs = Vec::new();
+    for job in jobs {
+        seqs.push(job.try_get::<i64>("seq")?.to_string());
+    }
+    let seqs = to_json(&seqs)?;
+    let open = query(
+        "select id from exports where state in ('queued', 'running')
+             and job in (select cast(value as bigint) from json_each(?))",
+    )
+    .bind(&seqs)
+    .fetch_all(&mut *tx)
+    .await?;
+    query("delete from jobs where seq in (select cast(value as bigint) from json_each(?))")
+        .bind(&seqs)
+        .execute(tx)
+        .await?;
+    open.iter().map(|row| export_id(row.text("id")?)).collect()
+}
+
+impl Store {
+    /// Wakes those who wait for jobs that were removed, or for their exports, and the workers that make these.
+    pub(super) fn notify_removed(&self, jobs: &[Removed], exports: Vec<ExportId>) {
+        for job in jobs {
+            self.notify(job.id);
+        }
+        for export in exports {
+            self.notify_export(export);
+        }
     }
 }
 

@@ -16,11 +16,14 @@ use super::clock::Clock;
 use super::db::{Connection, Durability, Options, Source, Transaction, Via};
 use super::faults::{Fault, fault_of};
 use super::group_commit::Line;
+use super::presence::Mark;
 
 /// The connection, one writer at a time.
 #[derive(Debug)]
 pub(super) struct Writer {
     options: Options,
+    /// What each successor of the connection must find.
+    mark: Mark,
     clock: Clock,
     state: Mutex<State>,
     /// Short writes that wait to be run together.
@@ -49,10 +52,11 @@ pub(super) struct Writing<'a> {
 
 impl Writer {
     /// Takes over an open connection; `options` open its successors.
-    pub(super) fn new(connection: Connection, options: Options) -> Self {
+    pub(super) fn new(connection: Connection, options: Options, mark: Mark) -> Self {
         let state = State::new(connection);
         Self {
             options,
+            mark,
             clock: Clock::default(),
             state: Mutex::new(state),
             line: Line::default(),
@@ -86,8 +90,25 @@ impl Writer {
         Writing { writer: self, state: self.state.lock().await }
     }
 
+    /// How connections are opened.
+    pub(super) fn options(&self) -> &Options {
+        &self.options
+    }
+
+    /// Makes the next write open another connection.
+    pub(super) async fn renew(&self) {
+        self.state.lock().await.unusable = true;
+    }
+
+    /// Opens another connection to the same database.
+    async fn connect(&self) -> Result<Connection, sqlx::Error> {
+        let mut connection = self.options.connect().await?;
+        self.mark.check(&mut connection).await?;
+        Ok(connection)
+    }
+
     async fn replace(&self, state: &mut State) -> Result<(), sqlx::Error> {
-        let opened = self.options.connect().await;
+        let opened = self.connect().await;
         let mut lost_since = self.lost_since.lock().unwrap_or_else(PoisonError::into_inner);
         match opened {
             Ok(connection) => {

@@ -7,12 +7,28 @@ use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 
 use super::transaction::Transaction;
 use crate::jobs::store::clock::Clock;
+use crate::jobs::store::presence::{Damage, Mark};
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
 /// How long a reader waits for a connection, and a writer for a lock that another program holds on the file (a backup,
 /// `sqlite3` in a terminal).
 pub(in super::super) const WAIT: Duration = Duration::from_secs(10);
+
+/// Longest wait for the answer to a statement: a connection may hang without an error.
+const ANSWER_WITHIN: Duration = Duration::from_secs(30);
+
+/// Waits for an answer for a bounded time.
+///
+/// # Errors
+/// That of the answer, or [`std::io::ErrorKind::TimedOut`].
+pub(in super::super) async fn answered<T>(
+    answer: impl Future<Output = Result<T, sqlx::Error>>,
+) -> Result<T, sqlx::Error> {
+    let silent =
+        || sqlx::Error::Io(std::io::Error::new(std::io::ErrorKind::TimedOut, "the database is silent"));
+    tokio::time::timeout(ANSWER_WITHIN, answer).await.unwrap_or_else(|_elapsed| Err(silent()))
+}
 
 /// A connection that nobody has used for so long is asked whether it is still there.
 #[cfg(feature = "postgres")]
@@ -46,20 +62,20 @@ pub(in super::super) enum Connection {
 /// The connections that only read, and never wait for a writer.
 #[derive(Clone, Debug)]
 pub(in super::super) enum Readers {
-    Sqlite(SqlitePool),
+    Sqlite(SqlitePool, Damage),
     #[cfg(feature = "postgres")]
-    Postgres(sqlx::PgPool),
+    Postgres(sqlx::PgPool, Damage),
 }
 
 /// The way of one query to the database.
 #[derive(Debug)]
 pub(in super::super) enum Via<'c> {
     Sqlite(&'c mut SqliteConnection),
-    SqliteReaders(&'c SqlitePool),
+    SqliteReaders(&'c SqlitePool, &'c Damage),
     #[cfg(feature = "postgres")]
     Postgres(&'c mut sqlx::PgConnection),
     #[cfg(feature = "postgres")]
-    PostgresReaders(&'c sqlx::PgPool),
+    PostgresReaders(&'c sqlx::PgPool, &'c Damage),
     /// A write outside a transaction, which gets one of its own.
     #[cfg(feature = "postgres")]
     PostgresWriter {
@@ -81,16 +97,40 @@ impl Options {
             Self::Sqlite(options) => SqliteConnection::connect_with(options).await.map(Connection::Sqlite),
             #[cfg(feature = "postgres")]
             Self::Postgres(options) => {
-                sqlx::PgConnection::connect_with(options).await.map(Connection::Postgres)
+                answered(sqlx::PgConnection::connect_with(options)).await.map(Connection::Postgres)
             }
         }
     }
 
-    /// Opens the connections that read.
+    /// Opens a connection that reads.
     ///
     /// # Errors
     /// The database's.
-    pub(in super::super) async fn readers(&self) -> Result<Readers, sqlx::Error> {
+    pub(in super::super) async fn connect_to_read(&self) -> Result<Connection, sqlx::Error> {
+        match self {
+            Self::Sqlite(options) => {
+                let options = options.as_ref().clone().create_if_missing(false).read_only(true);
+                SqliteConnection::connect_with(&options).await.map(Connection::Sqlite)
+            }
+            #[cfg(feature = "postgres")]
+            Self::Postgres(_) => self.connect().await,
+        }
+    }
+
+    /// Opens the connections that read; each makes sure that it reaches the database with this mark. Damaged pages that
+    /// they meet are noted.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn readers(
+        &self,
+        #[cfg_attr(
+            not(feature = "postgres"),
+            expect(unused_variables, reason = "a file is compared otherwise")
+        )]
+        mark: Option<&Mark>,
+        damage: &Damage,
+    ) -> Result<Readers, sqlx::Error> {
         match self {
             Self::Sqlite(options) => {
                 let pool = SqlitePoolOptions::new()
@@ -102,11 +142,12 @@ impl Options {
                     .idle_timeout(None)
                     .max_lifetime(None)
                     .connect_with(options.as_ref().clone().create_if_missing(false).read_only(true));
-                Ok(Readers::Sqlite(pool.await?))
+                Ok(Readers::Sqlite(pool.await?, damage.clone()))
             }
             #[cfg(feature = "postgres")]
             Self::Postgres(options) => {
-                super::postgres::readers(options, READERS).await.map(Readers::Postgres)
+                let pool = super::postgres::readers(options, READERS, mark).await?;
+                Ok(Readers::Postgres(pool, damage.clone()))
             }
         }
     }
@@ -122,7 +163,7 @@ impl Connection {
             #[cfg(feature = "postgres")]
             Self::Postgres(connection) => {
                 (used.is_some_and(|used| used.elapsed() < ASK_AFTER) && !connection.is_in_transaction())
-                    || (connection.ping().await.is_ok() && !connection.is_in_transaction())
+                    || (answered(connection.ping()).await.is_ok() && !connection.is_in_transaction())
             }
         }
     }
@@ -233,10 +274,11 @@ impl Readers {
     /// The database's.
     pub(in super::super) async fn begin(&self) -> Result<Transaction<'static>, sqlx::Error> {
         match self {
-            Self::Sqlite(pool) => pool.begin().await.map(Transaction::Sqlite),
+            Self::Sqlite(pool, _) => pool.begin().await.map(Transaction::Sqlite),
             #[cfg(feature = "postgres")]
-            Self::Postgres(pool) => {
-                let begun = pool.begin_with("begin isolation level repeatable read read only").await;
+            Self::Postgres(pool, _) => {
+                let begun =
+                    answered(pool.begin_with("begin isolation level repeatable read read only")).await;
                 begun.map(Transaction::Postgres)
             }
         }
@@ -245,17 +287,17 @@ impl Readers {
     /// Closes all of them.
     pub(in super::super) async fn close(&self) {
         match self {
-            Self::Sqlite(pool) => pool.close().await,
+            Self::Sqlite(pool, _) => pool.close().await,
             #[cfg(feature = "postgres")]
-            Self::Postgres(pool) => pool.close().await,
+            Self::Postgres(pool, _) => pool.close().await,
         }
     }
 
     pub(super) fn via(&self) -> Via<'_> {
         match self {
-            Self::Sqlite(pool) => Via::SqliteReaders(pool),
+            Self::Sqlite(pool, damage) => Via::SqliteReaders(pool, damage),
             #[cfg(feature = "postgres")]
-            Self::Postgres(pool) => Via::PostgresReaders(pool),
+            Self::Postgres(pool, damage) => Via::PostgresReaders(pool, damage),
         }
     }
 }

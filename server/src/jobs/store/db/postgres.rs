@@ -10,8 +10,9 @@ use std::time::Duration;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions, PgSslMode};
 use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transaction};
 
-use super::connection::{Durability, WAIT};
+use super::connection::{Durability, WAIT, answered};
 use crate::jobs::store::clock::Clock;
+use crate::jobs::store::presence::Mark;
 
 /// Begins a write, in one message. The lock is the word "packston" in ASCII; it is released with the transaction. The
 /// database ends the transaction of a server that says nothing for ten seconds, which may be stopped or cut off, for
@@ -82,12 +83,26 @@ pub(in super::super) fn options(url: &str) -> Result<PgConnectOptions, sqlx::Err
     Ok(url.parse::<PgConnectOptions>()?.application_name("packstone"))
 }
 
-/// Connections that read.
+/// Connections that read. Each makes sure that it reaches the database with this mark.
 ///
 /// # Errors
 /// The database's.
-pub(super) async fn readers(options: &PgConnectOptions, most: u32) -> Result<PgPool, sqlx::Error> {
+pub(super) async fn readers(
+    options: &PgConnectOptions,
+    most: u32,
+    mark: Option<&Mark>,
+) -> Result<PgPool, sqlx::Error> {
+    let mark = mark.cloned();
     PgPoolOptions::new()
+        .after_connect(move |connection, _| {
+            let mark = mark.clone();
+            Box::pin(async move {
+                match mark {
+                    Some(mark) => mark.check_postgres(connection).await,
+                    None => Ok(()),
+                }
+            })
+        })
         .max_connections(most)
         .acquire_timeout(WAIT)
         .idle_timeout(IDLE)
@@ -109,9 +124,9 @@ pub(super) async fn begin_write<'c>(
         Durability::PowerCut => BEGIN,
         Durability::ProcessEnd => BEGIN_QUICK,
     };
-    let mut tx = connection.begin_with(begin).await?;
+    let mut tx = answered(connection.begin_with(begin)).await?;
     if clock.is_stale() {
-        clock.set(sqlx::query(CLOCK).fetch_one(&mut *tx).await?.try_get(0)?);
+        clock.set(answered(sqlx::query(CLOCK).fetch_one(&mut *tx)).await?.try_get(0)?);
     }
     Ok(tx)
 }

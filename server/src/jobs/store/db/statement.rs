@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteArguments;
 use sqlx::{AssertSqlSafe, SqlSafeStr as _, SqlStr, Sqlite};
 
 use super::bind::{Bind, Value};
-use super::connection::{Readers, Via};
+use super::connection::{Connection, Readers, Via, answered};
 use super::row::{Column, Row};
 
 /// The text of a query. None is made of what a client sent: values are bound.
@@ -86,6 +86,23 @@ pub(in super::super) trait Source<'s>: Send {
 impl<'s> Source<'s> for &'s Readers {
     fn via(self) -> Via<'s> {
         Readers::via(self)
+    }
+}
+
+/// Outside a transaction, of a connection that has no more than this to do.
+impl<'s> Source<'s> for &'s mut Connection {
+    fn via(self) -> Via<'s> {
+        match self {
+            Connection::Sqlite(connection) => Via::Sqlite(connection),
+            #[cfg(feature = "postgres")]
+            Connection::Postgres(connection) => Via::Postgres(connection),
+        }
+    }
+}
+
+impl<'s> Source<'s> for Via<'s> {
+    fn via(self) -> Via<'s> {
+        self
     }
 }
 
@@ -188,18 +205,22 @@ impl Query {
     async fn run(self, via: Via<'_>) -> Result<Done, sqlx::Error> {
         let rows_affected = match via {
             Via::Sqlite(connection) => self.for_sqlite().execute(connection).await?.rows_affected(),
-            Via::SqliteReaders(pool) => self.for_sqlite().execute(pool).await?.rows_affected(),
+            Via::SqliteReaders(pool, _) => self.for_sqlite().execute(pool).await?.rows_affected(),
             #[cfg(feature = "postgres")]
-            Via::Postgres(connection) => self.for_postgres().execute(connection).await?.rows_affected(),
+            Via::Postgres(connection) => {
+                answered(self.for_postgres().execute(connection)).await?.rows_affected()
+            }
             #[cfg(feature = "postgres")]
-            Via::PostgresReaders(pool) => self.for_postgres().execute(pool).await?.rows_affected(),
+            Via::PostgresReaders(pool, _) => {
+                answered(self.for_postgres().execute(pool)).await?.rows_affected()
+            }
             #[cfg(feature = "postgres")]
             Via::PostgresWriter { connection, durability, clock, unusable } => {
                 let begun = super::postgres::begin_write(connection, durability, clock).await;
                 *unusable = begun.is_err();
                 let mut tx = begun?;
-                let done = self.for_postgres().execute(&mut *tx).await?;
-                tx.commit().await?;
+                let done = answered(self.for_postgres().execute(&mut *tx)).await?;
+                answered(tx.commit()).await?;
                 done.rows_affected()
             }
         };
@@ -212,18 +233,26 @@ impl Query {
         let of_postgres = |rows: Vec<_>| rows.into_iter().map(Row::Postgres).collect();
         match via {
             Via::Sqlite(connection) => self.for_sqlite().fetch_all(connection).await.map(of_sqlite),
-            Via::SqliteReaders(pool) => self.for_sqlite().fetch_all(pool).await.map(of_sqlite),
+            Via::SqliteReaders(pool, damage) => answered(self.for_sqlite().fetch_all(pool))
+                .await
+                .map(of_sqlite)
+                .inspect_err(|error| damage.note(error)),
             #[cfg(feature = "postgres")]
-            Via::Postgres(connection) => self.for_postgres().fetch_all(connection).await.map(of_postgres),
+            Via::Postgres(connection) => {
+                answered(self.for_postgres().fetch_all(connection)).await.map(of_postgres)
+            }
             #[cfg(feature = "postgres")]
-            Via::PostgresReaders(pool) => self.for_postgres().fetch_all(pool).await.map(of_postgres),
+            Via::PostgresReaders(pool, damage) => answered(self.for_postgres().fetch_all(pool))
+                .await
+                .map(of_postgres)
+                .inspect_err(|error| damage.note(error)),
             #[cfg(feature = "postgres")]
             Via::PostgresWriter { connection, durability, clock, unusable } => {
                 let begun = super::postgres::begin_write(connection, durability, clock).await;
                 *unusable = begun.is_err();
                 let mut tx = begun?;
-                let rows = self.for_postgres().fetch_all(&mut *tx).await?;
-                tx.commit().await?;
+                let rows = answered(self.for_postgres().fetch_all(&mut *tx)).await?;
+                answered(tx.commit()).await?;
                 Ok(of_postgres(rows))
             }
         }

@@ -3,6 +3,8 @@
 use sqlx::Sqlite;
 
 use super::connection::Via;
+#[cfg(feature = "postgres")]
+use super::connection::answered;
 use super::statement::Source;
 
 /// A transaction; dropped without [`Self::commit`], it is rolled back.
@@ -23,8 +25,26 @@ impl Transaction<'_> {
         match self {
             Self::Sqlite(tx) => script.execute(&mut **tx).await.map(drop),
             #[cfg(feature = "postgres")]
-            Self::Postgres(tx) => script.execute(&mut **tx).await.map(drop),
+            Self::Postgres(tx) => answered(script.execute(&mut **tx)).await.map(drop),
         }
+    }
+
+    /// Lets [`Self::roll_back_to_savepoint`] take back what follows, and no longer what came before. sqlx does not know
+    /// of it: its own count of transactions is wrong where SQLite has rolled all of it back by itself.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn set_savepoint(&mut self, is_first: bool) -> Result<(), sqlx::Error> {
+        let next = "release savepoint shared_write; savepoint shared_write";
+        self.run_script(if is_first { "savepoint shared_write" } else { next }).await
+    }
+
+    /// Takes back what followed the savepoint.
+    ///
+    /// # Errors
+    /// The database's; then all of the transaction is lost, as where SQLite has rolled it back by itself.
+    pub(in super::super) async fn roll_back_to_savepoint(&mut self) -> Result<(), sqlx::Error> {
+        self.run_script("rollback to savepoint shared_write").await
     }
 
     /// Makes its changes last.
@@ -35,7 +55,7 @@ impl Transaction<'_> {
         match self {
             Self::Sqlite(tx) => tx.commit().await,
             #[cfg(feature = "postgres")]
-            Self::Postgres(tx) => tx.commit().await,
+            Self::Postgres(tx) => answered(tx.commit()).await,
         }
     }
 
@@ -47,7 +67,7 @@ impl Transaction<'_> {
         match self {
             Self::Sqlite(tx) => tx.rollback().await,
             #[cfg(feature = "postgres")]
-            Self::Postgres(tx) => tx.rollback().await,
+            Self::Postgres(tx) => answered(tx.rollback()).await,
         }
     }
 }

@@ -31,10 +31,10 @@ macro_rules! select_exports {
         )
     };
 }
-use select_exports;
+pub(super) use select_exports;
 
 /// Reads a row of [`select_exports!`].
-fn export(row: &Row) -> Result<ExportRecord, StoreError> {
+pub(super) fn export(row: &Row) -> Result<ExportRecord, StoreError> {
     let file = match row.try_get::<Option<String>>("path")? {
         None => None,
         Some(path) => Some(StoredFile {

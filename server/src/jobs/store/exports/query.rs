@@ -6,6 +6,7 @@ use packstone_engine::export::ExportType;
 use serde_json::Value;
 
 use super::super::db::{Transaction, query};
+use super::super::rows::DamagedRow;
 use super::super::{Store, StoreError, rows};
 use super::{export, export_id, select_exports};
 use crate::exports::{ExportRecord, ExportState, NewExport};
@@ -16,6 +17,16 @@ use crate::ids::{ExportId, JobId};
 pub(crate) struct ExportCounts {
     pub(crate) states: BTreeMap<ExportState, u64>,
     pub(crate) cache_bytes: u64,
+}
+
+/// One page of the exports of a job, newest first.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ExportPage {
+    pub(crate) exports: Vec<ExportRecord>,
+    /// Exports of the page that cannot be read.
+    pub(crate) damaged: Vec<DamagedRow>,
+    /// Exports below this number follow; `None` on the last page.
+    pub(crate) next_before: Option<i64>,
 }
 
 impl Store {
@@ -57,14 +68,13 @@ impl Store {
         row.as_ref().map(export).transpose()
     }
 
-    /// A page of at most `limit` of the exports of a job, newest first, below number `before`; and the number
-    /// below which more follow.
+    /// A page of at most `limit` of the exports of a job, newest first, below number `before`.
     pub(crate) async fn list_exports(
         &self,
         job: i64,
         before: Option<i64>,
         limit: u32,
-    ) -> Result<(Vec<ExportRecord>, Option<i64>), StoreError> {
+    ) -> Result<ExportPage, StoreError> {
         let rows = query(select_exports!(
             "where exports.job = ? and exports.seq < ? order by exports.seq desc limit ?"
         ))
@@ -73,11 +83,11 @@ impl Store {
         .bind(i64::from(limit) + 1)
         .fetch_all(self.readers())
         .await?;
-        let mut found = rows.iter().map(export).collect::<Result<Vec<_>, _>>()?;
-        let more = found.len() > limit as usize;
-        found.truncate(limit as usize);
-        let next = found.last().filter(|_| more).map(|last| last.seq);
-        Ok((found, next))
+        let mut page = ExportPage { next_before: rows::next_before(&rows, limit)?, ..ExportPage::default() };
+        for row in rows.iter().take(limit as usize) {
+            rows::or_damaged(row, export(row), &mut page.exports, &mut page.damaged)?;
+        }
+        Ok(page)
     }
 
     /// Types and options of the exports that are kept with a job, oldest first. The job's version changes with them.

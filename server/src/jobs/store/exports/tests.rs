@@ -10,6 +10,7 @@ use serde_json::json;
 use super::super::db::query;
 use super::super::tests::{LIMITS, artifact, expire_all, fresh, fresh_file, open, plan_of, progress, submit};
 use super::super::{Retention, Store, StoreError};
+use super::query::ExportPage;
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobId, JobRecord};
@@ -79,10 +80,11 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
     );
     let other = request(&store, job.id, cut(2.0), Retention::Cached).await;
     assert!(other.1, "another thing");
-    assert_eq!(store.list_exports(job.seq, None, 10).await.unwrap().0.len(), 2);
-    let (page, next) = store.list_exports(job.seq, None, 1).await.unwrap();
+    assert_eq!(store.list_exports(job.seq, None, 10).await.unwrap().exports.len(), 2);
+    let ExportPage { exports: page, next_before: next, .. } =
+        store.list_exports(job.seq, None, 1).await.unwrap();
     assert_eq!((page[0].id, next), (other.0.id, Some(other.0.seq)));
-    assert_eq!(store.list_exports(job.seq, next, 1).await.unwrap().0[0].id, first.id);
+    assert_eq!(store.list_exports(job.seq, next, 1).await.unwrap().exports[0].id, first.id);
 }
 
 #[tokio::test]
@@ -308,7 +310,7 @@ async fn exports_of_a_damaged_job_end_with_its_retry_and_are_made_after_it() {
     changes.changed().await;
     assert!(matches!(store.check_export_lease(&running).await, Err(StoreError::LeaseLost)));
     assert_eq!(store.claim_export(false).await.unwrap(), None);
-    let (ended, _) = store.list_exports(job.seq, None, 10).await.unwrap();
+    let ended = store.list_exports(job.seq, None, 10).await.unwrap().exports;
     assert_eq!(ended.len(), 2);
     for export in ended {
         assert_eq!(export.state, ExportState::Failed);

@@ -1,13 +1,22 @@
 //! What a client may do to a study as a whole, and its end by time.
 
+use std::time::Duration;
+
+use tokio::time::sleep;
+
 use super::super::db::{Row, Transaction, query};
-use super::super::upkeep::Removed;
+use super::super::upkeep::{Removed, remove_jobs};
 use super::super::{Store, StoreError, Target, rows, turns, webhooks};
 use super::{StudyRecord, StudyState, query};
 use crate::ids::{JobId, StudyId};
 use crate::jobs::State;
 use crate::jobs::request::Change;
 use crate::webhooks::WebhookUrl;
+
+/// Jobs of a study that are changed in one transaction: others wait for the writer for so long at most.
+const REMOVED_AT_ONCE: i64 = 200;
+/// Time between two such transactions, in which others can write.
+const REMOVAL_PAUSE: Duration = Duration::from_millis(5);
 
 impl Store {
     /// Cancels what waits of a study, and asks the workers of what runs to stop.
@@ -160,8 +169,8 @@ impl Store {
             let rows = query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = false,
-                     started_at = null, finished_at = null, progress = null, error = null,
-                     turn = ?2 + ranked.place
+                     started_at = null, finished_at = null, progress = null, error = null, faults = 0,
+                     not_before = null, turn = ?2 + ranked.place
                  from (
                      select seq, row_number() over (order by seq) - 1 as place from jobs
                      where study = ?3 and state = ?4 and priority = ?5
@@ -191,9 +200,9 @@ impl Store {
         study: impl Into<Target<StudyId>>,
     ) -> Result<Vec<Removed>, StoreError> {
         let target = study.into();
+        let id = target.id;
         self.freeing(move |store| {
             let target = target.clone();
-            let id = target.id;
             async move {
                 let mut writer = store.writer().await?;
                 let mut tx = writer.begin().await?;
@@ -202,17 +211,11 @@ impl Store {
                 if study.state() != StudyState::Finished {
                     return Err(StoreError::StudyForbidden(study.state()));
                 }
-                let removed = remove(&mut tx, study.seq).await?;
-                tx.commit().await?;
-                drop(writer);
-                for job in &removed {
-                    store.notify(job.id);
-                }
-                store.notify_study(id);
-                Ok(removed)
+                Ok(tx.rollback().await?)
             }
         })
-        .await
+        .await?;
+        self.remove_in_batches(id).await
     }
 
     /// Removes one finished study past its time with its jobs; `None` when no such study is left. The time is its
@@ -222,51 +225,75 @@ impl Store {
         &self,
         finished_before: Option<i64>,
     ) -> Result<Option<Vec<Removed>>, StoreError> {
-        self.freeing(move |store| async move {
-            let mut writer = store.writer().await?;
-            let mut tx = writer.begin().await?;
-            let expired = query(
-                "select seq, id from studies
-                 where finished_at is not null and (
-                     expires_at <= ?1
-                     or (expires_at is null and finished_at < ?2 and not exists (
-                         select 1 from jobs where jobs.study = studies.seq and jobs.expires_at > ?1
-                     ))
-                 )
-                 order by coalesce(expires_at, finished_at) limit 1",
-            )
-            .bind(store.now_us())
-            .bind(finished_before)
-            .fetch_optional(&mut tx)
-            .await?;
-            let Some(expired) = expired else { return Ok(None) };
-            let removed = remove(&mut tx, expired.try_get("seq")?).await?;
-            tx.commit().await?;
-            drop(writer);
-            for job in &removed {
-                store.notify(job.id);
-            }
-            store.notify_study(rows::study_id(expired.text("id")?)?);
-            Ok(Some(removed))
-        })
-        .await
+        let expired = query(
+            "select id from studies
+             where finished_at is not null and (
+                 expires_at <= ?1
+                 or (expires_at is null and finished_at < ?2 and not exists (
+                     select 1 from jobs where jobs.study = studies.seq and jobs.expires_at > ?1
+                 ))
+             )
+             order by coalesce(expires_at, finished_at) limit 1",
+        )
+        .bind(self.now_us())
+        .bind(finished_before)
+        .fetch_optional(self.readers())
+        .await?;
+        let Some(expired) = expired else { return Ok(None) };
+        match self.remove_in_batches(rows::study_id(expired.text("id")?)?).await {
+            // A client has deleted it meanwhile, or retries it.
+            Err(StoreError::NoStudy | StoreError::StudyForbidden(_)) => Ok(Some(Vec::new())),
+            removed => removed.map(Some),
+        }
     }
-}
 
-async fn remove(tx: &mut Transaction<'_>, study: i64) -> Result<Vec<Removed>, StoreError> {
-    let jobs = query(
-        "select jobs.id, artifacts.path,
-             (select string_agg(exports.path, '|') from exports
-              where exports.job = jobs.seq and exports.path is not null) as export_paths
-         from jobs left join artifacts on artifacts.job = jobs.seq
-         where jobs.study = ?",
-    )
-    .bind(study)
-    .fetch_all(&mut *tx)
-    .await?;
-    // The jobs and all else that belongs to it follow.
-    query("delete from studies where seq = ?").bind(study).execute(tx).await?;
-    jobs.iter().map(Removed::read).collect()
+    /// Removes the jobs of a finished study, some at a time, and then the study: others can write in between. Where it
+    /// breaks off the study is still there, with the jobs that are left.
+    async fn remove_in_batches(&self, id: StudyId) -> Result<Vec<Removed>, StoreError> {
+        let mut all = Vec::new();
+        loop {
+            let removed = self.freeing(move |store| async move { store.remove_some(id).await }).await?;
+            let is_last = removed.is_empty();
+            all.extend(removed);
+            if is_last {
+                return Ok(all);
+            }
+            sleep(REMOVAL_PAUSE).await;
+        }
+    }
+
+    /// Removes some jobs of a finished study; where none are left, the study.
+    async fn remove_some(self, id: StudyId) -> Result<Vec<Removed>, StoreError> {
+        let mut writer = self.writer().await?;
+        let mut tx = writer.begin().await?;
+        let study = query::by_id(&mut tx, id).await?;
+        if study.state() != StudyState::Finished {
+            return Err(StoreError::StudyForbidden(study.state()));
+        }
+        let jobs = query(
+            "select jobs.seq, jobs.id, artifacts.path,
+                 (select string_agg(exports.path, '|') from exports
+                  where exports.job = jobs.seq and exports.path is not null) as export_paths
+             from jobs left join artifacts on artifacts.job = jobs.seq
+             where jobs.study = ? order by jobs.seq limit ?",
+        )
+        .bind(study.seq)
+        .bind(REMOVED_AT_ONCE)
+        .fetch_all(&mut tx)
+        .await?;
+        let removed: Vec<Removed> = jobs.iter().map(Removed::read).collect::<Result<_, _>>()?;
+        let mut exports = Vec::new();
+        if removed.is_empty() {
+            query("delete from studies where seq = ?").bind(study.seq).execute(&mut tx).await?;
+        } else {
+            exports = remove_jobs(&mut tx, &jobs).await?;
+        }
+        tx.commit().await?;
+        drop(writer);
+        self.notify_removed(&removed, exports);
+        self.notify_study(id);
+        Ok(removed)
+    }
 }
 
 fn ids(jobs: &[Row]) -> Result<Vec<JobId>, StoreError> {

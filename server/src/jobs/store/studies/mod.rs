@@ -100,7 +100,7 @@ impl StudyRecord {
         if self.finished_at.is_none() { StudyState::Open } else { StudyState::Finished }
     }
 
-    fn read(row: &Row) -> Result<Self, StoreError> {
+    pub(super) fn read(row: &Row) -> Result<Self, StoreError> {
         let count = |column| row.try_get::<i64>(column).map(|count| count as u64);
         Ok(Self {
             seq: row.try_get("seq")?,

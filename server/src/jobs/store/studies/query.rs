@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
+use super::super::bodies::composed_body;
 use super::super::db::{QueryBuilder, Row, Transaction, query};
+use super::super::rows::DamagedRow;
 use super::super::{Store, StoreError, rows};
 use super::{StudyRecord, StudyState, runs};
 use crate::ids::StudyId;
@@ -26,6 +28,8 @@ pub(crate) struct StudyFilter {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StudyPage {
     pub(crate) studies: Vec<StudyRecord>,
+    /// Studies of the page that cannot be read.
+    pub(crate) damaged: Vec<DamagedRow>,
     /// Studies below this number follow; `None` on the last page.
     pub(crate) next_before: Option<i64>,
 }
@@ -45,12 +49,15 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoStudy`], or the database's.
     pub(crate) async fn study_request(&self, seq: i64) -> Result<Value, StoreError> {
-        let row = query("select body from study_requests where study = ?")
-            .bind(seq)
-            .fetch_optional(self.readers())
-            .await?
-            .ok_or(StoreError::NoStudy)?;
-        rows::document(row.text("body")?).await
+        let text = concat!(
+            "select ",
+            composed_body!(),
+            " as body, r.digest from study_requests as r
+                 left join study_parts as p on p.study = r.study and p.part = r.part
+             where r.study = ?"
+        );
+        let row = query(text).bind(seq).fetch_optional(self.readers()).await?.ok_or(StoreError::NoStudy)?;
+        rows::checked_document(&row, "body", "digest").await
     }
 
     /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first
@@ -84,11 +91,12 @@ impl Store {
     ) -> Result<StudyPage, StoreError> {
         let query = list_query(filter, before.unwrap_or(i64::MAX), i64::from(limit) + 1);
         let rows = query.build().fetch_all(self.readers()).await?;
-        let mut studies = rows.iter().map(StudyRecord::read).collect::<Result<Vec<_>, _>>()?;
-        let more = studies.len() > limit as usize;
-        studies.truncate(limit as usize);
-        let next_before = studies.last().filter(|_| more).map(|study| study.seq);
-        Ok(StudyPage { studies, next_before })
+        let (mut studies, mut damaged) = (Vec::new(), Vec::new());
+        for row in rows.iter().take(limit as usize) {
+            rows::or_damaged(row, StudyRecord::read(row), &mut studies, &mut damaged)?;
+        }
+        let next_before = rows::next_before(&rows, limit)?;
+        Ok(StudyPage { studies, damaged, next_before })
     }
 
     /// How many studies have jobs left to run.

@@ -115,7 +115,7 @@ async fn call_off(
 }
 
 /// The outcome of that name.
-pub(super) fn outcome(name: &str) -> Result<Outcome, StoreError> {
+pub(in super::super) fn outcome(name: &str) -> Result<Outcome, StoreError> {
     let known = OUTCOMES.iter().find(|(_, known)| *known == name);
     known.map(|(outcome, _)| *outcome).ok_or_else(|| StoreError::Row(format!("unknown outcome {name:?}")))
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
 
+use super::super::bodies::{Parts, StoredBody};
 use super::super::db::{QueryBuilder, Transaction, either, query};
 use super::super::submit::{IdempotencyKey, to_json};
 use super::super::{Store, StoreError, forecasts, turns, webhooks};
@@ -93,11 +94,13 @@ impl Store {
         }
         self.check_queue(&mut tx, &new.by.owner, jobs).await?;
         let now = self.now_us();
+        let mut parts = Parts::default();
+        let request = parts.split(&request);
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
         let rows = rows_of(&mut tx, study, new).await?;
-        insert_jobs(&mut tx, study, &rows, new, now).await?;
-        insert_bodies(&mut tx, &new.study, &rows).await?;
+        insert_jobs(&mut tx, study, &rows, new, now, &mut parts).await?;
+        count_parts(&mut tx, study, &new.by.owner, parts.bytes()).await?;
         insert_labels(&mut tx, &rows).await?;
         let record = query::by_seq(&mut tx, study).await?;
         tx.commit().await?;
@@ -126,14 +129,14 @@ async fn find_key(
 async fn insert_head(
     tx: &mut Transaction<'_>,
     new: &NewStudy,
-    request: &str,
+    request: &StoredBody,
     now: i64,
 ) -> Result<i64, StoreError> {
     let study = &new.study;
     let seq: i64 = query(
         "insert into studies (id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued,
-             created_at, updated_at, expires_at, owner, submitted_by, shared)
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
+             created_at, updated_at, expires_at, owner, submitted_by, shared, request_bytes)
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning seq",
     )
     .bind(StudyId::new().to_string())
     .bind(&study.name)
@@ -151,12 +154,16 @@ async fn insert_head(
     .bind(&new.by.owner)
     .bind(&new.by.key)
     .bind(study.shared)
+    .bind(request.bytes())
     .fetch_one(&mut *tx)
     .await?
     .try_get("seq")?;
-    query("insert into study_requests (study, body) values (?, ?)")
+    query("insert into study_requests (study, body, part, part_at, digest) values (?, ?, ?, ?, ?)")
         .bind(seq)
-        .bind(request)
+        .bind(&request.text)
+        .bind(request.part)
+        .bind(request.part_at)
+        .bind(request.digest)
         .execute(&mut *tx)
         .await?;
     webhooks::insert(tx, webhooks::Ending::Study(seq), study.webhook_url.as_ref()).await?;
@@ -246,44 +253,80 @@ async fn insert_jobs(
     rows: &[Row<'_>],
     new: &NewStudy,
     now: i64,
+    parts: &mut Parts,
 ) -> Result<(), StoreError> {
     let engine = to_json(&EngineInfo::current())?;
     for chunk in rows.chunks(ROWS_AT_ONCE) {
         let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
+        let mut bodies = Vec::with_capacity(chunk.len());
+        for row in chunk {
+            bodies.push(parts.split(&to_json(&new.study.points[row.point].replicate(row.replicate))?));
+        }
+        parts.insert(tx, study).await?;
         let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads, method) ",
+                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads, method,
+                 request_bytes) ",
         );
-        query.push_values(chunk.iter().zip(texts), |values, (row, (labels, warnings))| {
-            let job = row.job;
-            values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
-            values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
-            values.push_bind(row.seed.cast_signed()).push_bind(job.timeout_s);
-            values.push_bind(job.max_attempts).push_bind(job.max_attempts);
-            values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
-            values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
-            values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
-            values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
-            values.push_bind(row.forecast_us).push_bind(row.least_time_us);
-            values.push_bind(job.threads).push_bind(row.most_threads).push_bind(job.method_name());
-        });
+        query.push_values(
+            chunk.iter().zip(texts).zip(&bodies),
+            |values, ((row, (labels, warnings)), body)| {
+                let job = row.job;
+                values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
+                values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
+                values.push_bind(row.seed.cast_signed()).push_bind(job.timeout_s);
+                values.push_bind(job.max_attempts).push_bind(job.max_attempts);
+                values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
+                values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
+                values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
+                values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
+                values.push_bind(row.forecast_us).push_bind(row.least_time_us);
+                values.push_bind(job.threads).push_bind(row.most_threads).push_bind(job.method_name());
+                values.push_bind(body.bytes());
+            },
+        );
         query.build().execute(&mut *tx).await?;
+        insert_bodies(tx, chunk, bodies).await?;
     }
     Ok(())
 }
 
-async fn insert_bodies(tx: &mut Transaction<'_>, study: &Study, rows: &[Row<'_>]) -> Result<(), StoreError> {
-    for chunk in rows.chunks(ROWS_AT_ONCE) {
-        let body = |row: &Row<'_>| to_json(&study.points[row.point].replicate(row.replicate));
-        let bodies = chunk.iter().map(body).collect::<Result<Vec<_>, _>>()?;
-        let mut query = QueryBuilder::new("insert into job_requests (job, body) ");
-        query.push_values(chunk.iter().zip(bodies), |values, (row, body)| {
-            values.push_bind(row.seq).push_bind(body);
-        });
-        query.build().execute(&mut *tx).await?;
+async fn insert_bodies(
+    tx: &mut Transaction<'_>,
+    rows: &[Row<'_>],
+    bodies: Vec<StoredBody>,
+) -> Result<(), StoreError> {
+    let mut query = QueryBuilder::new("insert into job_requests (job, body, part, part_at, digest) ");
+    query.push_values(rows.iter().zip(bodies), |values, (row, body)| {
+        values.push_bind(row.seq).push_bind(body.text).push_bind(body.part).push_bind(body.part_at);
+        values.push_bind(body.digest);
+    });
+    query.build().execute(tx).await?;
+    Ok(())
+}
+
+/// Adds the bytes of the parts, which are known once all bodies are written, to those of the study and its owner.
+async fn count_parts(
+    tx: &mut Transaction<'_>,
+    study: i64,
+    owner: &str,
+    bytes: i64,
+) -> Result<(), StoreError> {
+    if bytes == 0 {
+        return Ok(());
     }
+    query("update studies set request_bytes = request_bytes + ? where seq = ?")
+        .bind(bytes)
+        .bind(study)
+        .execute(&mut *tx)
+        .await?;
+    query("update queue_owners set request_bytes = request_bytes + ? where owner = ?")
+        .bind(bytes)
+        .bind(owner)
+        .execute(tx)
+        .await?;
     Ok(())
 }
 

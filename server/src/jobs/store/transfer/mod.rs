@@ -24,6 +24,7 @@ mod tests;
 use super::clock::Clock;
 use super::database::Opened;
 use super::db::{Durability, Transaction};
+use super::presence::Damage;
 use super::{Database, StoreError};
 use crate::hex;
 use digest::TableDigest;
@@ -159,7 +160,7 @@ impl Transfer {
         let clock = Clock::default();
         // Held, never used: nobody else writes to the source.
         let held = source.begin_write(Durability::PowerCut, &clock).await?;
-        let readers = options.readers().await?;
+        let readers = options.readers(None, &Damage::default()).await?;
         let mut from = readers.begin().await?;
         let mut to = destination.begin_write(Durability::PowerCut, &clock).await?;
         let moved = self.copy(&mut from, &mut to, &mut progress).await?;

@@ -6,7 +6,9 @@ insert into studies (
 ) values
     ('s1', 'Größe ''1''', '{"a":"b"}', -1, '["/mix"]', '["mix"]', 2, 3, 'null', 1, 1, 1, 0.1, 1, 2, null, 'k', 'o', 1),
     ('s2', null, '{}', 9223372036854775807, '[]', '[]', 1, 1, 'null', 0, 0, 0, 0, 1, 2, 9, '', '', 0);
-insert into study_requests (study, body) values (1, '{"template":{}}'), (2, '{"jobs":[]}');
+insert into study_parts (study, part, body) values (1, 0, '[1,2]'), (1, 1, '["é"]');
+insert into study_requests (study, body, part, part_at, digest)
+values (1, '{"template":{}}', 1, 12, -5), (2, '{"jobs":[]}', null, null, 9);
 insert into study_labels (key, value, study) values ('a', 'b', 1), ('Ä', '', 2);
 insert into study_points (study, point, key_values, stopped_early) values (1, 0, '["x"]', 2), (1, 1, '["y"]', 0);
 insert into study_runs (study, point, replicate, outcome, facts, ended_at)
@@ -31,10 +33,10 @@ insert into jobs (
     ('j6', 'queued', '', '{}', 0, 1, null, 3, 3, 0, 6, 6, null, 'e', null, null, null, '', 0, '', '', null,
      null, 1);
 -- Two of them are longer than a page.
-insert into job_requests (job, body) values
-    (1, '{"method":{"type":"rsa"},"s":"' || hex(zeroblob(5000000)) || '"}'),
-    (2, '{"method":{"type":"edmd"},"s":"' || hex(zeroblob(5000000)) || '"}'),
-    (3, '{"s":"\u0000"}'), (4, '{}'), (5, '{}'), (6, '{}');
+insert into job_requests (job, body, digest) values
+    (1, '{"method":{"type":"rsa"},"s":"' || hex(zeroblob(5000000)) || '"}', 1),
+    (2, '{"method":{"type":"edmd"},"s":"' || hex(zeroblob(5000000)) || '"}', -9223372036854775808),
+    (3, '{"s":"\u0000"}', 0), (4, '{}', 0), (5, '{}', 0), (6, '{}', 0);
 update jobs set method = 'rsa' where seq = 5;
 insert into job_labels (key, value, job, state) values ('a', 'b', 1, 'queued'), ('a', 'B', 1, 'queued');
 with recursive n (i) as (select 1 union all select i + 1 from n where i < 2500)
@@ -42,8 +44,8 @@ insert into job_labels (key, value, job, state) select 'label' || i % 7, 'value'
 insert into idempotency_keys (scope, key, body_sha256, job) values ('', 'key', 'ab', 1), ('o', 'key', 'cd', 2);
 delete from jobs where seq = 6;
 
-insert into artifacts (job, attempt, path, bytes, sha256, report, format_revision, format_lengths, owner)
-values (3, 1, '20/j3.packstone', 1000000000000, 'ef', '{}', 2, '{}', 'o');
+insert into artifacts (job, attempt, path, bytes, sha256, report, report_digest, format_revision, format_lengths, owner)
+values (3, 1, '20/j3.packstone', 1000000000000, 'ef', '{}', 7, 2, '{}', 'o');
 insert into exports (
     id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at, owner, lease_expires_at
 ) values
