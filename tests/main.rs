@@ -44,6 +44,7 @@ mod idempotency;
 mod idle_workers;
 mod listing;
 mod load;
+mod memory;
 mod migrate_store;
 mod models;
 mod moved_store;

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::harness::{Client, DataDir, Reply, Request, Server, id_of, jobs};
 use crate::users::{Keys, audit_lines, laboratory};
 
-fn key<'k>(keys: &'k Keys, name: &str) -> &'k str {
+pub(crate) fn key<'k>(keys: &'k Keys, name: &str) -> &'k str {
     &keys.by_name.iter().find(|(known, _)| known == name).unwrap().1
 }
 

@@ -150,7 +150,7 @@ fn wrong_results(other_seed: Stored) -> BTreeMap<&'static str, Change> {
             "missing",
             change(|stored| {
                 stored.rows -= 1;
-                stored.columns.iter_mut().for_each(|column| drop(column.pop()));
+                stored.columns.iter_mut().for_each(|column| _ = column.pop());
             }),
         ),
         (

@@ -16,6 +16,7 @@ use crate::jobs::request::MAX_TIMEOUT_S;
 use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
 use crate::memory;
+use crate::memory_budget::MemoryBudget;
 use crate::telemetry::{self, LogFormat};
 use crate::webhooks::WebhookRules;
 use crate::webhooks::rules::allowed_host;
@@ -23,6 +24,13 @@ use crate::webhooks::rules::allowed_host;
 /// Share of the machine's memory that all packings together may take; the rest is for the store's
 /// cache, the results being sent, and the neighbours.
 const MEMORY_SHARE: f64 = 0.8;
+/// Share of the memory that requests being read and answers being sent may hold, and the most by default.
+const REQUEST_MEMORY_SHARE: f64 = 1.0 / 16.0;
+const REQUEST_MEMORY_BYTES: u64 = 96 << 20;
+/// Files of workers taken in at once: each holds a thread that writes to the disk.
+pub(crate) const MAX_UPLOADS: usize = 64;
+/// Threads for readings of the disk that take a moment.
+const OTHER_BLOCKING_THREADS: usize = 64;
 /// Bytes that files made of results may hold, as long as nobody has asked for them to be kept.
 pub(crate) const DEFAULT_DERIVED_CACHE_BYTES: u64 = 10_000_000_000;
 /// Longest request that is read, of a body or of a file.
@@ -137,12 +145,19 @@ pub(crate) struct ServeOptions {
     /// Longest body of a request, in bytes
     #[arg(long, env = "PACKSTONE_MAX_BODY_BYTES", default_value_t = DEFAULT_MAX_BODY_BYTES)]
     pub(crate) max_body_bytes: u64,
+    /// Most memory that requests being read and answers being sent hold together, in bytes; one client address may hold
+    /// half of it. It is never less than --max-body-bytes [default: a sixteenth of the memory, at most 96 MiB]
+    #[arg(long, env = "PACKSTONE_REQUEST_MEMORY_BYTES")]
+    pub(crate) request_memory_bytes: Option<u64>,
     /// Most open connections
     #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024)]
     pub(crate) max_connections: usize,
     /// Most open connections of one client address [default: half of --max-connections; all of them with --trust-proxy]
     #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS_PER_CLIENT")]
     pub(crate) max_connections_per_client: Option<NonZeroUsize>,
+    /// Seconds after which a connection is closed whose client takes less than 64 KiB of an answer in that time
+    #[arg(long, hide = true, default_value_t = 60.0, value_parser = seconds)]
+    pub(crate) stalled_reader_s: f64,
     /// Most results being sent at once
     #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
     pub(crate) max_downloads: usize,
@@ -213,6 +228,13 @@ impl ServeOptions {
         }
     }
 
+    /// Threads for what blocks them: each takes 2 MiB of address space. Downloads, uploads and jobs may hold one for long,
+    /// jobs and exports a few more in a moment.
+    pub(crate) fn blocking_threads(&self) -> usize {
+        let jobs = self.workers() + usize::from(self.export_workers);
+        self.max_downloads + MAX_UPLOADS + 4 * jobs + OTHER_BLOCKING_THREADS
+    }
+
     /// Jobs that run at once.
     pub(crate) fn workers(&self) -> usize {
         self.workers.map_or_else(|| cores().get(), usize::from)
@@ -222,6 +244,16 @@ impl ServeOptions {
     pub(crate) fn max_connections_per_client(&self) -> usize {
         let default = if self.trust_proxy { self.max_connections } else { self.max_connections.div_ceil(2) };
         self.max_connections_per_client.map_or(default, NonZeroUsize::get)
+    }
+
+    /// The memory of requests being read and answers being sent. The longest body fits in the share of a client.
+    pub(crate) fn memory_budget(&self) -> MemoryBudget {
+        let by_default = || {
+            let share = memory::total_bytes().map(|total| (total as f64 * REQUEST_MEMORY_SHARE) as u64);
+            share.unwrap_or(u64::MAX).min(REQUEST_MEMORY_BYTES)
+        };
+        let most = self.request_memory_bytes.unwrap_or_else(by_default).max(self.max_body_bytes);
+        MemoryBudget::new(most, (most / 2).max(self.max_body_bytes))
     }
 
     /// What one packing may use.
@@ -260,6 +292,11 @@ impl ServeOptions {
     /// Time between the first two attempts to send a webhook.
     pub(crate) fn webhook_first_pause(&self) -> Duration {
         Duration::from_secs_f64(self.webhook_first_pause_s)
+    }
+
+    /// Time in which the client of a connection must take some of its answer.
+    pub(crate) fn stalled_reader(&self) -> Duration {
+        Duration::from_secs_f64(self.stalled_reader_s)
     }
 
     /// Time between two checkpoints of a running job.

@@ -20,6 +20,7 @@ const LAYERS: &[&[&str]] = &[
         "http_client",
         "ids",
         "memory",
+        "memory_budget",
         "open_files",
         "planning",
         "remaining_time",

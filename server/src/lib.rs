@@ -29,6 +29,7 @@ mod jobs;
 mod layers;
 pub mod local;
 mod memory;
+mod memory_budget;
 mod metrics;
 mod open_files;
 mod page;

@@ -44,18 +44,17 @@ struct Data<'a, R> {
 /// # Errors
 /// Those of the writer and of the source.
 pub(crate) fn write(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
-    let mut largest = Largest { view: Vec::new(), most: MOST_GRAINS };
-    match tables::write(Format::View, head, grains, &mut largest) {
-        Err(error) if error.kind() != io::ErrorKind::WriteZero => return Err(error),
-        _ => {}
-    }
-    write_document(head, largest.grains(), &largest.view, out)
+    let shown = grains.len().min(MOST_GRAINS);
+    write_document(head, shown, &mut |view| tables::write(Format::View, head, grains, view), out)
 }
+
+/// Writes the format `view`.
+type WriteView<'a> = dyn FnMut(&mut dyn Write) -> io::Result<()> + 'a;
 
 fn write_document(
     result: &impl Serialize,
     grains: usize,
-    view: &[u8],
+    write_view: &mut WriteView<'_>,
     out: &mut dyn Write,
 ) -> io::Result<()> {
     // A name with `</script>` would end the element.
@@ -90,23 +89,46 @@ fn write_document(
 <script type="application/json" id="result-data">{data}</script>
 <script type="text/plain" id="grains-data">"#,
     )?;
-    let mut base64 = EncoderWriter::new(&mut *out, &STANDARD);
-    base64.write_all(view)?;
+    let mut base64 = EncoderWriter::new(Whole(&mut *out), &STANDARD);
+    let mut largest = Largest { out: &mut base64, head: Vec::new(), written: 0, most: MOST_GRAINS };
+    let written = write_view(&mut largest);
+    match written {
+        Err(error) if !(largest.is_full() && error.kind() == io::ErrorKind::WriteZero) => return Err(error),
+        _ => {}
+    }
     base64.finish()?;
     drop(base64);
     write!(out, "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n</html>\n")
 }
 
+/// A writer that takes all that it gets: the encoder takes nothing where the writer below it takes a part.
+struct Whole<W>(W);
+
+impl<W: Write> Write for Whole<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write_all(bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
 /// A writer of the format `view` that takes its largest grains, and no byte after them.
-struct Largest {
-    view: Vec<u8>,
+struct Largest<W> {
+    out: W,
+    /// The head of the view, as far as it has come.
+    head: Vec<u8>,
+    /// Bytes that were passed on.
+    written: usize,
     most: usize,
 }
 
-impl Largest {
+impl<W: Write> Largest<W> {
     /// A number of the head ([`view.md`](../../docs/view.md)).
     fn number(&self, at: usize) -> usize {
-        let bytes = self.view.get(at..at + 4);
+        let bytes = self.head.get(at..at + 4);
         bytes.map_or(0, |b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize)
     }
 
@@ -116,18 +138,27 @@ impl Largest {
 
     /// Where the last grain ends, or the head while it is not complete.
     fn end(&self) -> usize {
-        if self.view.len() < HEAD_BYTES {
+        if self.head.len() < HEAD_BYTES {
             HEAD_BYTES
         } else {
             HEAD_BYTES + self.number(48) + self.grains() * self.number(44)
         }
     }
+
+    /// Whether nothing more is taken.
+    fn is_full(&self) -> bool {
+        self.written == self.end()
+    }
 }
 
-impl Write for Largest {
+impl<W: Write> Write for Largest<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let taken = bytes.len().min(self.end() - self.view.len());
-        self.view.extend_from_slice(&bytes[..taken]);
+        let taken = bytes.len().min(self.end() - self.written);
+        self.out.write_all(&bytes[..taken])?;
+        if self.head.len() < HEAD_BYTES {
+            self.head.extend_from_slice(&bytes[..taken]);
+        }
+        self.written += taken;
         Ok(taken)
     }
 
@@ -224,9 +255,36 @@ mod tests {
     fn a_name_cannot_end_the_element_that_holds_it() {
         let result = json!({"request": {"name": "</script><script>alert(1)</script>"}});
         let mut page = Vec::new();
-        write_document(&result, 0, &[], &mut page).unwrap();
+        write_document(&result, 0, &mut |_| Ok(()), &mut page).unwrap();
         let page = String::from_utf8(page).unwrap();
         assert!(!page.contains("<script>alert") && page.contains("\\u003c/script>"), "{page}");
+    }
+
+    /// A writer that takes a few bytes at once.
+    struct Slow(Vec<u8>);
+
+    impl Write for Slow {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let taken = bytes.len().min(7);
+            self.0.extend_from_slice(&bytes[..taken]);
+            Ok(taken)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_page_is_the_same_through_a_writer_that_takes_parts() {
+        let mut view = vec![0; 64];
+        view[8..12].copy_from_slice(&300_u32.to_le_bytes());
+        view[44..48].copy_from_slice(&8_u32.to_le_bytes());
+        view.extend((0..300 * 8).map(|i| i as u8));
+        let (mut whole, mut slow) = (Vec::new(), Slow(Vec::new()));
+        write_document(&json!({}), 300, &mut |out| out.write_all(&view), &mut whole).unwrap();
+        write_document(&json!({}), 300, &mut |out| out.write_all(&view), &mut slow).unwrap();
+        assert!(whole == slow.0 && whole.len() > 300 * 8);
     }
 
     #[test]
@@ -237,12 +295,12 @@ mod tests {
         view[48..52].copy_from_slice(&4u32.to_le_bytes());
         view.extend([7; 4 + 3 * 8]);
         for (most, grains, end) in [(10, 3, view.len()), (2, 2, 64 + 4 + 16), (0, 0, 64 + 4)] {
-            let mut largest = Largest { view: Vec::new(), most };
+            let mut largest = Largest { out: Vec::new(), head: Vec::new(), written: 0, most };
             // The head and the table come first, and any blocks then.
             let written =
                 [&view[..64], &view[64..70], &view[70..]].map(|part| largest.write_all(part).is_ok());
             assert_eq!(written, [true, most > 0, most > 2]);
-            assert_eq!((largest.grains(), &largest.view[..]), (grains, &view[..end]));
+            assert_eq!((largest.grains(), &largest.out[..]), (grains, &view[..end]));
         }
     }
 }

@@ -50,6 +50,13 @@ macro_rules! kinds {
 kinds! {
     MalformedJson "malformed-json" 400 "Malformed JSON"
         "The body is not JSON. `errors` points to the place where reading stopped."
+    MalformedRequest "malformed-request" 400 "Not a request of HTTP/1.1"
+        "The request line, a header field or the framing of the body is not that of HTTP/1.1, so that no route was \
+         asked. The connection is closed. Look at what is between the client and this server: it may speak HTTP/2 or \
+         TLS, or cut requests."
+    HeadTooLarge "head-too-large" 431 "The head of the request is too large"
+        "The request line and the header fields together have more bytes, or more fields, than this server reads. Send \
+         fewer or shorter cookies, filters and fields."
     ValidationError "validation-error" 422 "Invalid field"
         "A field of the body (422), or a parameter or header (400), is unknown, missing, of the wrong type or out of \
          its bounds. `errors` lists every such fault with its place, the value found and the bound."
@@ -119,8 +126,9 @@ kinds! {
         "The API key sends more requests than it may; `detail` tells the rate. Send the next one after `Retry-After`. \
          Hold an answer back with `Prefer: wait=N`, or follow the events of a job, instead of asking again and again."
     Busy "busy" 503 "Busy"
-        "The server already sends as many results, draws as many plots, computes as many plans, or serves as many \
-         connections as it is configured for. Try again after `Retry-After`."
+        "The server already sends as many results, draws as many plots, computes as many plans, serves as many \
+         connections, or holds as many bytes of requests and answers in memory as it is configured for. Try again after \
+         `Retry-After`."
     PreconditionFailed "precondition-failed" 412 "The resource has changed"
         "`If-Match` names another state than the present one, so nothing was changed. Get the resource again, and \
          repeat the request with its present `ETag` if the change is still needed."

@@ -24,7 +24,7 @@ use crate::descriptors::{self, TooFew};
 use crate::disk::{Disk, Elsewhere};
 use crate::exports::making::Exports;
 use crate::http::{self, App, OperatorFiles};
-use crate::http_server;
+use crate::http_server::{self, ConnectionLimits};
 use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits, Unusable};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::metrics::Metrics;
@@ -268,8 +268,14 @@ impl Service {
                 Instant::now()
             }
         });
-        let per_client = options.max_connections_per_client();
-        http_server::serve(listener, router, connections, per_client, shutdown.clone()).await;
+        let limits = ConnectionLimits {
+            connections,
+            max_per_client: options.max_connections_per_client(),
+            memory_budget: app.shared.memory_budget.clone(),
+            trust_proxy: options.trust_proxy,
+            stalled_reader: options.stalled_reader(),
+        };
+        http_server::serve(listener, router, limits, shutdown.clone()).await;
         // The listener may end on its own only by a bug; the workers must not outlive it.
         shutdown.cancel();
         let stopped = stopped.await.unwrap_or_else(|_| Instant::now());

@@ -5,8 +5,9 @@
 //!
 //! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
 //! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded by the
-//! length of the text: a value takes 72 bytes and as little as two bytes of text, an object or array about 400 bytes
-//! and as little as four bytes of text.
+//! length of the text, and in all: a value takes 72 bytes and as little as two bytes of text, an object or array about
+//! 400 bytes and as little as four bytes of text, a key or a string at least 32 bytes beside its value. Small blocks are
+//! bounded most, because an allocator returns them late to the system.
 
 mod encoding;
 
@@ -33,6 +34,10 @@ const BYTES_PER_VALUE: usize = 4;
 const CONTAINERS: usize = 20_000;
 /// One more object or array is allowed for so many bytes of text.
 const BYTES_PER_CONTAINER: usize = 16;
+/// Most objects and arrays of a document: a study of 10 000 jobs has up to 20 for each.
+const MAX_CONTAINERS: usize = 250_000;
+/// Most keys and strings of a document.
+const MAX_TEXTS: usize = 1_000_000;
 
 /// Parses one JSON document.
 ///
@@ -47,7 +52,8 @@ pub(crate) fn parse(text: &[u8]) -> Result<Value, Failure> {
     let room = Room {
         most_values,
         values: Cell::new(most_values),
-        containers: Cell::new(CONTAINERS + text.len() / BYTES_PER_CONTAINER),
+        containers: Cell::new((CONTAINERS + text.len() / BYTES_PER_CONTAINER).min(MAX_CONTAINERS)),
+        texts: Cell::new(MAX_TEXTS),
     };
     let value = Strict { room: &room }
         .deserialize(serde_path_to_error::Deserializer::new(&mut json, &mut track))
@@ -135,11 +141,12 @@ fn pointer(path: &Path) -> String {
     pointer
 }
 
-/// How many more values, and among them objects and arrays, a document may have.
+/// How many more values, and among them objects and arrays, and how many more keys and strings a document may have.
 struct Room {
     most_values: usize,
     values: Cell<usize>,
     containers: Cell<usize>,
+    texts: Cell<usize>,
 }
 
 impl Room {
@@ -160,8 +167,16 @@ impl Room {
         self.containers.set(left.ok_or_else(|| {
             E::custom(format!(
                 "the document has too many objects and arrays: must have at most {CONTAINERS} and one more for \
-                 each {BYTES_PER_CONTAINER} bytes"
+                 each {BYTES_PER_CONTAINER} bytes, {MAX_CONTAINERS} in all"
             ))
+        })?);
+        Ok(())
+    }
+
+    fn take_text<E: serde::de::Error>(&self) -> Result<(), E> {
+        let left = self.texts.get().checked_sub(1);
+        self.texts.set(left.ok_or_else(|| {
+            E::custom(format!("the document has too many keys and strings: must have at most {MAX_TEXTS}"))
         })?);
         Ok(())
     }
@@ -205,11 +220,13 @@ impl<'de> Visitor<'de> for Strict<'_> {
         Number::from_f64(value).map(Value::Number).ok_or_else(|| E::custom("a number must be finite"))
     }
 
-    fn visit_str<E>(self, value: &str) -> Result<Value, E> {
+    fn visit_str<E: serde::de::Error>(self, value: &str) -> Result<Value, E> {
+        self.room.take_text()?;
         Ok(value.into())
     }
 
-    fn visit_string<E>(self, value: String) -> Result<Value, E> {
+    fn visit_string<E: serde::de::Error>(self, value: String) -> Result<Value, E> {
+        self.room.take_text()?;
         Ok(value.into())
     }
 
@@ -223,6 +240,8 @@ impl<'de> Visitor<'de> for Strict<'_> {
         while let Some(item) = items.next_element_seed(self)? {
             array.push(item);
         }
+        // The first item makes room for four.
+        array.shrink_to_fit();
         Ok(Value::Array(array))
     }
 
@@ -230,6 +249,7 @@ impl<'de> Visitor<'de> for Strict<'_> {
         self.room.take_container()?;
         let mut object = Map::new();
         while let Some(key) = entries.next_key::<String>()? {
+            self.room.take_text()?;
             if object.contains_key(&key) {
                 let key: String = key.chars().take(40).collect();
                 return Err(A::Error::custom(format!("the key {key:?} comes twice")));
@@ -315,6 +335,22 @@ mod tests {
         let job = r#"{"specimen":{"type":"box","size_mm":[50,50,50]},"mix":{"grading":{"type":"monodisperse","diameter_mm":8},"volume_fraction":0.2}}"#;
         let study = format!("{{\"list\":[{}{job}]}}", format!("{job},").repeat(9_999));
         assert_eq!(parse(study.as_bytes()).unwrap()["list"].as_array().unwrap().len(), 10_000);
+    }
+
+    #[test]
+    fn small_blocks_are_bounded_whatever_the_length_of_the_text() {
+        let many = |item: &str, n: usize| format!("[{}0]", format!("{item},").repeat(n));
+        let spaced = format!("[0{}]", " ".repeat(16));
+        assert!(parse(many(&spaced, MAX_CONTAINERS - 1).as_bytes()).is_ok());
+        let (_, _, detail) = refused(&many(&spaced, MAX_CONTAINERS));
+        assert!(detail.starts_with("the document has too many objects and arrays"), "{detail}");
+        assert!(parse(many("\"text\"", MAX_TEXTS).as_bytes()).is_ok());
+        let (code, _, detail) = refused(&many("\"text\"", MAX_TEXTS + 1));
+        assert_eq!(code, ValidationError);
+        assert!(detail.starts_with("the document has too many keys and strings: must have at most 1000000"));
+        let keys: String = (0..=MAX_TEXTS).map(|i| format!("\"{i}\":0,")).collect();
+        let (_, _, detail) = refused(&format!("{{{}\"last\":0}}", keys));
+        assert!(detail.starts_with("the document has too many keys and strings"), "{detail}");
     }
 
     #[test]

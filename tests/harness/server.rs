@@ -107,6 +107,20 @@ impl Launch {
         self
     }
 
+    /// Lets the server have so many bytes of address space from its start, as `ulimit -v` does.
+    pub(crate) fn address_space(self, bytes: u64) -> Self {
+        let mut command = Command::new("sh");
+        let script = format!("ulimit -v {}; exec \"$0\" \"$@\"", bytes >> 10);
+        command.args(["-c", &script]).arg(self.command.get_program()).args(self.command.get_args());
+        for (name, value) in self.command.get_envs() {
+            match value {
+                Some(value) => command.env(name, value),
+                None => command.env_remove(name),
+            };
+        }
+        Self { command }
+    }
+
     /// The command itself, for starts that are to be refused.
     pub(crate) fn into_command(self) -> Command {
         self.command

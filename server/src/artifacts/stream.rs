@@ -33,14 +33,29 @@ pub(crate) fn start(
     gzip: bool,
     permit: OwnedSemaphorePermit,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
+    let write = move |out: &mut dyn Write| tables::write(format, result.head(), &result, out);
+    start_writing(Box::new(write), format.name(), range, gzip, permit)
+}
+
+/// Writes a file from its beginning; the same bytes each time.
+pub(crate) type WriteFile = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + Send>;
+
+/// The same of what a function writes.
+pub(crate) fn start_writing(
+    write: WriteFile,
+    format: &'static str,
+    range: Range<u64>,
+    gzip: bool,
+    permit: OwnedSemaphorePermit,
+) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
         let blocks = Blocks { sender: sender.clone() };
         let sink: Box<dyn Sink> = if gzip { Box::new(Gzipped::new(blocks)) } else { Box::new(blocks) };
         let mut window = Window::new(range, sink);
-        let written = tables::write(format, result.head(), &result, &mut window);
+        let written = write(&mut window);
         if let Err(error) = window.finish(written) {
-            tracing::warn!(%error, format = format.name(), "a result was not sent to its end");
+            tracing::warn!(%error, format, "a result was not sent to its end");
             break_off(&sender, error);
         }
         drop(permit);

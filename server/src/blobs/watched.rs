@@ -211,7 +211,8 @@ impl Blobs for Watched {
             if blobs.is_remote() || owner::read(blobs).is_ok_and(|theirs| theirs.database == owner.database) {
                 return Ok(());
             }
-            let what = format!("the place of files {} is not the one whose files are removed", blobs.shown(""));
+            let what =
+                format!("the place of files {} is not the one whose files are removed", blobs.shown(""));
             Err(io::Error::new(io::ErrorKind::TimedOut, what))
         })
     }

@@ -125,7 +125,16 @@ pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 /// Runs a future on a runtime of its own, and does not wait at the end for threads that block: a
 /// run that did not see the signal to stop must not keep the process alive.
 fn block_on<T>(future: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    block_on_threads(512, future)
+}
+
+/// The same with at most so many threads for what blocks them.
+fn block_on_threads<T>(
+    most_blocking: usize,
+    future: impl Future<Output = Result<T, Failure>>,
+) -> Result<T, Failure> {
+    let mut runtime = tokio::runtime::Builder::new_multi_thread();
+    let runtime = runtime.max_blocking_threads(most_blocking).enable_all().build()?;
     let ended = runtime.block_on(future);
     runtime.shutdown_background();
     ended

@@ -3,7 +3,7 @@
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::exit::{Exit, Failure};
-use super::{block_on, print};
+use super::{block_on_threads, print};
 use crate::base_path;
 use crate::config::ServeOptions;
 use crate::service::Service;
@@ -22,7 +22,7 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
     if options.api_keys_file.is_none() && std::env::var_os(KEYS_VARIABLE).is_some() {
         tracing::warn!("{KEYS_VARIABLE} is empty and counts as not set: the service asks for no keys");
     }
-    block_on(async {
+    block_on_threads(options.blocking_threads(), async {
         let mut terminate = signal(SignalKind::terminate())?;
         let mut interrupt = signal(SignalKind::interrupt())?;
         let mut hang_up = signal(SignalKind::hangup())?;

@@ -12,7 +12,7 @@ use crate::accounts::{Accounts, Caller};
 use crate::artifacts::Artifacts;
 use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
-use crate::config::{ServeOptions, check_threads};
+use crate::config::{MAX_UPLOADS, ServeOptions, check_threads};
 use crate::disk::Disk;
 use crate::http::computing::ComputePool;
 use crate::http::hosts::Hosts;
@@ -20,6 +20,8 @@ use crate::http::jobs::polled::Polled;
 use crate::http::session::Sessions;
 use crate::http::web::Web;
 use crate::jobs::store::Store;
+use crate::memory;
+use crate::memory_budget::MemoryBudget;
 use crate::metrics::Metrics;
 use crate::planning::Planner;
 use crate::problem::{Kind, Problem};
@@ -38,8 +40,10 @@ use crate::workers::slots::Slots;
 pub(crate) const SMALL_BODY_BYTES: usize = 1 << 12;
 /// Bodies of more than this are read a few at a time.
 pub(crate) const LARGE_BODY_BYTES: usize = 1 << 18;
-/// Large bodies at once: parsed JSON takes up to thirty times the room of its text.
+/// Large bodies at once: parsed JSON takes up to thirty times the room of its text, 300 MB of 16 MiB.
 const LARGE_BODIES: usize = 2;
+/// With less memory than this, one.
+const MEMORY_OF_LARGE_BODIES: u64 = 4 << 30;
 /// Plots drawn at once: each may hold all spheres of a result, and take a core for a second or two.
 const PLOTS: usize = 2;
 
@@ -97,6 +101,10 @@ pub(crate) struct Shared {
     /// Threads that read and write long documents.
     pub(crate) documents: ComputePool,
     pub(crate) planner: Planner,
+    /// One permit per file that is being taken in from a worker.
+    pub(crate) uploads: Arc<Semaphore>,
+    /// The memory of requests being read and of answers being sent.
+    pub(crate) memory_budget: MemoryBudget,
     /// Jobs in other processes whose state was asked for lately.
     pub(crate) polled: Polled,
     /// Workers that ask for jobs.
@@ -184,10 +192,12 @@ impl App {
                 max_downloads: options.max_downloads,
                 export_cache_bytes: options.export_cache_bytes,
                 plots: Arc::new(Semaphore::new(PLOTS)),
-                large_bodies: Arc::new(Semaphore::new(LARGE_BODIES)),
+                large_bodies: Arc::new(Semaphore::new(large_bodies())),
                 compute: ComputePool::of_requests(),
                 documents: ComputePool::of_documents(),
                 planner: Planner::default(),
+                uploads: Arc::new(Semaphore::new(MAX_UPLOADS)),
+                memory_budget: options.memory_budget(),
                 polled: Polled::default(),
                 heard: Heard::default(),
                 receiving: Mutex::default(),
@@ -245,6 +255,10 @@ impl App {
     pub(crate) fn is_ready(&self) -> bool {
         self.shared.ready.load(Ordering::Acquire) && !self.shared.shutdown.is_cancelled()
     }
+}
+
+fn large_bodies() -> usize {
+    if memory::total_bytes().is_some_and(|total| total < MEMORY_OF_LARGE_BODIES) { 1 } else { LARGE_BODIES }
 }
 
 /// A file of a worker that is being taken in.

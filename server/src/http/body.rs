@@ -1,8 +1,10 @@
-//! Reading JSON bodies: what may be sent, how long, how fast.
+//! Reading JSON bodies: what may be sent, how long, how fast, and how much memory they hold together.
 
+use std::convert::Infallible;
 use std::time::Duration;
 
 use axum::body::Body;
+use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
 use bytes::{Bytes, BytesMut};
 use http_body_util::BodyExt as _;
@@ -10,13 +12,16 @@ use serde_json::Value;
 use tokio::time::{Instant, timeout, timeout_at};
 
 use crate::http::app::{App, SMALL_BODY_BYTES};
+use crate::http::observe::client_address;
+use crate::http::pace::Pace;
 use crate::http::params::shown;
+use crate::memory_budget::{Exceeded, Reservation, UNCOUNTED_BYTES};
 use crate::problem::{Kind, Problem};
 use crate::strict_json;
 use crate::tasks;
 
-/// Longest pause between two pieces of a body.
-const IDLE: Duration = Duration::from_secs(30);
+/// Longest body of a change of a job or a study: 32 labels of the longest text have 41 kB.
+pub(crate) const PATCH_BYTES: u64 = 64 << 10;
 /// Longest time that a whole body may take.
 const WHOLE: Duration = Duration::from_mins(5);
 /// Bytes and time spent on the rest of a body that was refused: a client that still writes would
@@ -24,28 +29,53 @@ const WHOLE: Duration = Duration::from_mins(5);
 const LINGER_BYTES: usize = 64 << 20;
 const LINGER: Duration = Duration::from_secs(5);
 
-/// Reads a JSON body as bytes.
-///
-/// # Errors
-/// `unsupported-media-type`, `payload-too-large` without reading it all, `request-timeout`.
-pub(crate) async fn json_bytes(app: &App, headers: &HeaderMap, body: Body) -> Result<Bytes, Problem> {
-    if let Err(problem) = check_headers(headers, app.shared.max_body_bytes) {
-        linger(body);
-        return Err(problem);
-    }
-    collect(body, app.shared.max_body_bytes).await
+/// The body of a request, unread. Its memory counts until this is dropped: a handler keeps it to its end, for what it
+/// has read from the body takes memory, too.
+pub(crate) struct JsonBody {
+    headers: HeaderMap,
+    body: Body,
+    /// Longest body that the server reads, whatever the route.
+    longest: u64,
+    memory: Reservation,
 }
 
-/// Reads a JSON body. One that is long is parsed off the threads that answer.
-///
-/// # Errors
-/// Those of [`json_bytes`], and `malformed-json`.
-pub(crate) async fn json(app: &App, headers: &HeaderMap, body: Body) -> Result<Value, Problem> {
-    let bytes = json_bytes(app, headers, body).await?;
-    if bytes.len() <= SMALL_BODY_BYTES {
-        return Ok(strict_json::parse(&bytes)?);
+impl FromRequest<App> for JsonBody {
+    type Rejection = Infallible;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Infallible> {
+        let client = client_address(&request, app.shared.trust_proxy);
+        let memory = app.shared.memory_budget.reservation(Some(&client));
+        let (parts, body) = request.into_parts();
+        Ok(Self { headers: parts.headers, body, longest: app.shared.max_body_bytes, memory })
     }
-    Ok(app.shared.documents.run(move |_| strict_json::parse(&bytes)).await??)
+}
+
+impl JsonBody {
+    /// Reads the body, which may have so many bytes on its route.
+    ///
+    /// # Errors
+    /// `unsupported-media-type` and `payload-too-large` without reading it all, `request-timeout`, `busy` where the
+    /// memory for bodies is used up.
+    pub(crate) async fn read(&mut self, max_bytes: u64) -> Result<Bytes, Problem> {
+        let (body, max_bytes) = (std::mem::take(&mut self.body), max_bytes.min(self.longest));
+        if let Err(problem) = check_headers(&self.headers, max_bytes) {
+            linger(body);
+            return Err(problem);
+        }
+        collect(body, max_bytes, &mut self.memory).await
+    }
+
+    /// The same, parsed: where it is long, off the threads that answer.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`], and `malformed-json`.
+    pub(crate) async fn json(&mut self, app: &App, max_bytes: u64) -> Result<Value, Problem> {
+        let bytes = self.read(max_bytes).await?;
+        if bytes.len() <= SMALL_BODY_BYTES {
+            return Ok(strict_json::parse(&bytes)?);
+        }
+        Ok(app.shared.documents.run(move |_| strict_json::parse(&bytes)).await??)
+    }
 }
 
 /// Refuses what need not be read to be refused.
@@ -108,14 +138,17 @@ fn is_json(content_type: &str) -> bool {
     })
 }
 
-async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
+async fn collect(mut body: Body, max_bytes: u64, memory: &mut Reservation) -> Result<Bytes, Problem> {
     let mut collected = BytesMut::new();
     let end = Instant::now() + WHOLE;
+    let mut pace = Pace::new();
     loop {
-        let next = end.min(Instant::now() + IDLE);
-        let Ok(frame) = timeout_at(next, body.frame()).await else {
-            let (idle, whole) = (IDLE.as_secs(), WHOLE.as_secs());
-            let detail = format!("the body paused for more than {idle} s or took more than {whole} s");
+        let Ok(frame) = timeout_at(end.min(pace.deadline()), body.frame()).await else {
+            let detail = format!(
+                "the body arrives too slowly: it {} and may take at most {} s",
+                Pace::bound(),
+                WHOLE.as_secs()
+            );
             return Err(Problem::new(Kind::RequestTimeout, detail).with_header("connection", "close"));
         };
         match frame {
@@ -126,6 +159,14 @@ async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
                     linger(body);
                     return Err(too_large("more bytes than are read", max_bytes));
                 }
+                if let Err(exceeded) = memory.grow(data.len() as u64) {
+                    // Freed before the rest is awaited.
+                    drop((collected, data));
+                    memory.clear();
+                    linger(body);
+                    return Err(no_memory(exceeded).with_header("connection", "close"));
+                }
+                pace.arrived(data.len(), memory.bytes() <= UNCOUNTED_BYTES);
                 collected.extend_from_slice(&data);
             }
             Some(Err(error)) => {
@@ -135,6 +176,11 @@ async fn collect(mut body: Body, max_bytes: u64) -> Result<Bytes, Problem> {
             }
         }
     }
+}
+
+/// The answer where the memory for requests and answers is used up.
+pub(crate) fn no_memory(exceeded: Exceeded) -> Problem {
+    Problem::new(Kind::Busy, exceeded.to_string()).with_header("retry-after", "5")
 }
 
 /// Takes in some more of a body that was refused, behind the answer's back.
@@ -152,6 +198,7 @@ pub(crate) fn linger(mut body: Body) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::memory_budget::MemoryBudget;
 
     #[test]
     fn only_utf8_json_is_json() {
@@ -169,8 +216,22 @@ mod tests {
 
     #[tokio::test]
     async fn a_body_without_a_length_is_bounded_too() {
-        let problem = collect(Body::from(vec![b' '; 11]), 10).await.err();
+        let mut memory = MemoryBudget::new(0, 0).reservation(None);
+        let problem = collect(Body::from(vec![b' '; 11]), 10, &mut memory).await.err();
         assert_eq!(problem.map(|p| p.status), Some(413));
-        assert_eq!(collect(Body::from(vec![b' '; 10]), 10).await.map(|b| b.len()), Ok(10));
+        assert_eq!(collect(Body::from(vec![b' '; 10]), 10, &mut memory).await.map(|b| b.len()), Ok(10));
+    }
+
+    #[tokio::test]
+    async fn a_body_beyond_the_memory_for_bodies_is_refused_and_holds_nothing() {
+        let budget = MemoryBudget::new(1 << 20, 1 << 20);
+        let (mut first, mut second) = (budget.reservation(None), budget.reservation(None));
+        let megabyte = || Body::from(vec![b' '; 1 << 20]);
+        assert!(collect(megabyte(), 1 << 30, &mut first).await.is_ok());
+        let problem = collect(megabyte(), 1 << 30, &mut second).await.err();
+        assert_eq!(problem.map(|p| (p.kind, p.headers[0].0)), Some((Kind::Busy, "retry-after")));
+        assert_eq!(second.bytes(), 0);
+        drop(first);
+        assert!(collect(megabyte(), 1 << 30, &mut second).await.is_ok());
     }
 }

@@ -25,6 +25,7 @@ mod negotiation;
 mod observe;
 #[cfg(test)]
 mod openapi;
+mod pace;
 mod pages;
 mod params;
 mod problems;
@@ -43,8 +44,7 @@ mod webhooks;
 mod workers;
 
 pub(crate) use app::{App, OperatorFiles};
+pub(crate) use body::no_memory;
 pub(crate) use contract::YAML as OPENAPI_YAML;
-pub(crate) use observe::OPEN_ROUTES;
-pub(crate) use problems::PROBLEM_JSON;
-pub(crate) use response::protect;
+pub(crate) use observe::{OPEN_ROUTES, Refused, client_address};
 pub(crate) use router::router;

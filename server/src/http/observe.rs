@@ -34,6 +34,11 @@ const MAX_REQUEST_ID_CHARS: usize = 128;
 /// Routes that need no key: probes have none.
 pub(crate) const OPEN_ROUTES: [&str; 2] = ["/healthz", "/readyz"];
 
+/// The problem with which the connection has a request refused, in the extensions of the request, so that all problems
+/// are written and counted here.
+#[derive(Clone)]
+pub(crate) struct Refused(pub(crate) Problem);
+
 /// Whether a route needs no key and is not counted against rates: pages hold no data.
 fn is_open(route: &str) -> bool {
     OPEN_ROUTES.contains(&route) || web::is_of_pages(route)
@@ -59,7 +64,11 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         let (uri, headers) = (request.uri(), request.headers());
         let known = hosts::check(request.version(), uri, headers, app.shared.hosts.as_ref());
         let site = Site::of(uri, headers, app.shared.trust_proxy);
+        let refused = request.extensions_mut().remove::<Refused>();
         let admitted = async {
+            if let Some(Refused(problem)) = refused {
+                return Err(problem);
+            }
             known?;
             site.check(&method)?;
             let caller = authorize(&app, &route, &method, request.headers(), site)?;
@@ -115,7 +124,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
 
 /// The address of the client: that of the connection, or behind a trusted proxy the last entry of `X-Forwarded-For`,
 /// which is the one that the proxy itself wrote.
-fn client_address(request: &Request, trust_proxy: bool) -> String {
+pub(crate) fn client_address<B>(request: &Request<B>, trust_proxy: bool) -> String {
     let forwarded = || {
         let field = request.headers().get_all("x-forwarded-for").iter().next_back()?.to_str().ok()?;
         let last = field.rsplit(',').next()?.trim();

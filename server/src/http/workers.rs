@@ -1,20 +1,21 @@
 //! Worker processes that have sent wrong results, and their return to work.
 
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::FieldError;
 use serde::{Deserialize, Serialize};
 
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::leases::read;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{named, time};
 use crate::jobs::store::FaultyWorker;
 use crate::problem::{Kind, Problem};
 use crate::workers::documents::Checked;
+
+/// Longest body of a request that allows a worker again: two names.
+const MAX_BODY_BYTES: u64 = 4 << 10;
 
 /// The worker processes that have sent wrong results.
 #[derive(Serialize)]
@@ -112,10 +113,9 @@ pub(crate) async fn list(State(app): State<App>, _: Query<NoParameters>) -> Resu
 pub(crate) async fn allow(
     State(app): State<App>,
     query: Query<NoParameters>,
-    headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let request: AllowRequest = read(body::json(&app, &headers, body).await?)?;
+    let request: AllowRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     let AllowRequest { key, worker } = request;
     let forgotten = app.shared.store.allow_worker(key.unwrap_or_default(), worker.clone()).await?;
     if forgotten == 0 {

@@ -1,7 +1,6 @@
 //! Changing a job: name, labels, priority, expiry and webhook, by a JSON merge patch (RFC 7396).
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
@@ -10,7 +9,7 @@ use jiff::Timestamp;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::{JsonBody, PATCH_BYTES};
 use crate::http::conditional::target;
 use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
@@ -44,10 +43,10 @@ pub(crate) async fn patch(
     IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let body = body::json(&app, &headers, body).await?;
-    let patch = JobPatch::read(&body, Timestamp::now()).map_err(Failure::invalid)?;
+    let value = body.json(&app, PATCH_BYTES).await?;
+    let patch = JobPatch::read(&value, Timestamp::now()).map_err(Failure::invalid)?;
     if let Change::Set(url) = &patch.webhook_url {
         webhooks::check(&app.shared.webhook_rules, Some(url))?;
         if app.shared.store.get(id).await?.is_some_and(|job| job.study.is_some()) {

@@ -1,15 +1,13 @@
 //! Plans: what a job amounts to, before it is submitted.
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 
 use crate::accounts::Caller;
 use crate::exports::estimates::JobPlan;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::jobs::reading::{Submission, read};
 use crate::http::params::{NoParameters, Query};
 use crate::planning::Proposal;
@@ -32,10 +30,9 @@ pub(crate) async fn plan(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
-    headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let bytes = body.read(app.shared.max_body_bytes).await?;
     let submission = read(&app, bytes, app.limits_of(&caller), Proposal::Made).await?;
     let Submission { plan, exports, .. } = submission;
     Ok(axum::Json(JobPlan { plan, exports }).into_response())

@@ -1,7 +1,6 @@
 //! Submitting a job.
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
@@ -10,7 +9,7 @@ use packstone_engine::Plan;
 use crate::accounts::Caller;
 use crate::exports::estimates;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::wait_until;
 use crate::http::jobs::reading::{Submission, read};
@@ -48,11 +47,11 @@ pub(crate) async fn submit(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
-    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let bytes = body.read(app.shared.max_body_bytes).await?;
     let Submission { request, plan, exports, body_sha256 } =
         read(&app, bytes, app.limits_of(&caller), Proposal::None).await?;
     let by = caller.by.clone();
@@ -68,6 +67,8 @@ pub(crate) async fn submit(
     let Plan { warnings, estimated_time_s: forecast_s, keeps_checkpoints, most_threads, grains, .. } = plan;
     let new = NewJob { request, warnings, forecast_s, keeps_checkpoints, most_threads, by, idempotency_key };
     let submitted = app.shared.store.submit(new).await?;
+    // The answer may be held back, and what was read is stored.
+    drop(body);
     let (mut record, status) = match submitted {
         Submitted::Created(record) => {
             tracing::info!(job_id = %record.id, grains, "accepted");

@@ -77,7 +77,7 @@ pub(crate) async fn put(
     let room = app.shared.disk.room().min(app.shared.limits.max_memory_bytes);
     check_length(&headers, room)?;
     let (checkpoints, disk) = (app.shared.checkpoints.clone(), app.shared.disk.clone());
-    let kept = upload::take(body, move |pieces| {
+    let kept = upload::take(&app, body, move |pieces| {
         // Held until the file is written, also where the worker goes before it has its answer.
         let _alone = alone;
         let id = path.id.to_string();

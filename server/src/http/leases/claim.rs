@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep_until};
 use super::read;
 use crate::accounts::Caller;
 use crate::http::app::{App, SMALL_BODY_BYTES};
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{json, set};
@@ -26,6 +26,9 @@ use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
 use crate::tasks;
 use crate::workers::documents::{BUILD, LeaseDocument, LeaseRequest, LeasesDocument};
+
+/// Longest body: a few short names and numbers.
+const MAX_BODY_BYTES: u64 = 16 << 10;
 
 /// Lease jobs
 ///
@@ -47,9 +50,11 @@ pub(crate) async fn lease(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let request: LeaseRequest = read(body::json(&app, &headers, body).await?)?;
+    let request: LeaseRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
+    // The answer may be held back.
+    drop(body);
     check_build(&app, &request).await?;
     let name = (caller.by.key.clone(), request.worker.clone());
     let _asking = app.shared.heard.asking(name, app.shared.store.lease());

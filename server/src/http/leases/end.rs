@@ -3,9 +3,7 @@
 use std::time::Duration;
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
 use packstone_engine::FieldError;
@@ -15,7 +13,7 @@ use crate::accounts::Caller;
 use crate::artifacts::receive::most_bytes_of_result;
 use crate::failure::{Failure, FailureCode};
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::params::{NoParameters, Query};
 use crate::jobs::{JobRecord, Lease, WaitReason};
 use crate::metrics::LeaseEvent;
@@ -25,6 +23,9 @@ use crate::workers::checks::checking;
 use crate::workers::claims::{self, Attempt, Claim};
 use crate::workers::documents::{EndOutcome, EndRequest};
 use crate::workers::here::run_limit_s;
+
+/// Longest body: a failure with its figures and at most 101 faults.
+const MAX_BODY_BYTES: u64 = 1 << 20;
 
 /// End a lease without a result
 ///
@@ -44,10 +45,9 @@ pub(crate) async fn end(
     Extension(caller): Extension<Caller>,
     path: LeasePath,
     _: Query<NoParameters>,
-    headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let request: EndRequest = read(body::json(&app, &headers, body).await?)?;
+    let request: EndRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     let Some(lease) = running(&app, &caller.by.key, path).await? else {
         return Ok(recorded().into_response());
     };

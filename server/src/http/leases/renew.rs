@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse as _, Response};
@@ -13,7 +12,7 @@ use tokio::time::{interval, sleep};
 use super::read;
 use crate::accounts::Caller;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::conditional::Wait;
 use crate::http::jobs::polled::RECENT;
 use crate::http::params::{NoParameters, Query};
@@ -29,6 +28,9 @@ use crate::workers::documents::{LeaseState, RenewalRequest, RenewalsDocument, Re
 const WATCHED_EVERY_S: f64 = 0.5;
 /// Time between two reports where a client has asked for the state of one of the jobs lately.
 const POLLED_EVERY_S: f64 = 1.0;
+
+/// Longest body: 2048 renewals with the progress of their runs.
+const MAX_BODY_BYTES: u64 = 4 << 20;
 
 /// Renew leases
 ///
@@ -49,9 +51,11 @@ pub(crate) async fn renew(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let request: RenewalRequest = read(body::json(&app, &headers, body).await?)?;
+    let request: RenewalRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
+    // The answer may be held back.
+    drop(body);
     let renewals: Vec<Renewal> = request.renewals.into_iter().map(Renewal::from).collect();
     let wait = Wait::of(&headers);
     let mut answer = renewed(&app, &caller, renewals.clone()).await?;

@@ -89,7 +89,7 @@ async fn take_in(
     let expected = Expected { job: path.id.to_string(), request, sha256, most_bytes };
     let (artifacts, disk) = (app.shared.artifacts.clone(), app.shared.disk.clone());
     let place = artifacts.begin(&path.id.to_string(), path.attempt);
-    let received = upload::take(body, move |pieces| {
+    let received = upload::take(&app, body, move |pieces| {
         let next = || pieces.next().map(|piece| piece.map_err(|_| ReceiveError::Broken));
         (artifacts.receive(&place, &expected, next), place)
     });

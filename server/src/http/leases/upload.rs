@@ -1,19 +1,23 @@
 //! Bodies of any length, piece by piece, for a function that blocks its thread.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
 use bytes::Bytes;
 use http_body_util::BodyExt as _;
 use tokio::sync::mpsc;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout, timeout_at};
 
+use crate::config::MAX_UPLOADS;
+use crate::http::app::App;
 use crate::http::body::linger;
+use crate::http::pace::Pace;
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
-/// Longest pause between two pieces.
-const IDLE: Duration = Duration::from_secs(30);
+/// How long a file waits for another to be taken in before it is refused.
+const TURN: Duration = Duration::from_secs(10);
 /// Pieces that may wait for the disk.
 const PIECES: usize = 16;
 
@@ -52,19 +56,29 @@ impl Pieces {
 /// Gives a body to a function that blocks its thread; what the function returned.
 ///
 /// # Errors
-/// `request-timeout`, or `malformed-json` where the body ended early.
+/// `busy`, `request-timeout`, or `malformed-json` where the body ended early.
 pub(super) async fn take<T: Send + 'static>(
+    app: &App,
     mut body: Body,
     work: impl FnOnce(&mut Pieces) -> T + Send + 'static,
 ) -> Result<T, Problem> {
+    let Ok(Ok(turn)) = timeout(TURN, Arc::clone(&app.shared.uploads).acquire_owned()).await else {
+        linger(body);
+        let detail = format!("{MAX_UPLOADS} files of workers are being taken in, as many as may");
+        return Err(Problem::new(Kind::Busy, detail).with_header("retry-after", "5"));
+    };
     let (sender, receiver) = mpsc::channel(PIECES);
-    let working = tasks::blocking(move || work(&mut Pieces { receiver, ended: false }));
+    let working = tasks::blocking(move || {
+        let _turn = turn;
+        work(&mut Pieces { receiver, ended: false })
+    });
     let closing = |problem: Problem| problem.with_header("connection", "close");
     let mut fault = None;
+    let mut pace = Pace::new();
     loop {
-        let piece = match timeout(IDLE, body.frame()).await {
+        let piece = match timeout_at(pace.deadline(), body.frame()).await {
             Err(_) => {
-                let detail = format!("the body paused for more than {} s", IDLE.as_secs());
+                let detail = format!("the body arrives too slowly: it {}", Pace::bound());
                 fault = Some(closing(Problem::new(Kind::RequestTimeout, detail)));
                 break;
             }
@@ -75,12 +89,16 @@ pub(super) async fn take<T: Send + 'static>(
             }
             Ok(None) => Piece::End,
             Ok(Some(Ok(frame))) => match frame.into_data() {
-                Ok(data) => Piece::Bytes(data),
+                Ok(data) => {
+                    pace.arrived(data.len(), false);
+                    Piece::Bytes(data)
+                }
                 // Trailers are no data.
                 Err(_) => continue,
             },
         };
         let is_end = matches!(piece, Piece::End);
+        let waiting = Instant::now();
         if sender.send(piece).await.is_err() {
             // The function has returned before the end: it has refused the file.
             linger(body);
@@ -89,6 +107,8 @@ pub(super) async fn take<T: Send + 'static>(
         if is_end {
             break;
         }
+        // The sender waits for the disk, too.
+        pace.postpone(waiting.elapsed());
     }
     drop(sender);
     let value = working.await.map_err(|error| {

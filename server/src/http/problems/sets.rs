@@ -40,10 +40,10 @@ problem_sets! {
     ListProblems: ValidationError 400;
     /// Of changes of a job.
     PatchProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, Conflict 409,
-        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of changes of a study.
     StudyPatchProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408,
-        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+        PreconditionFailed 412, PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of actions that a job's state may forbid.
     ActionProblems: ValidationError 400, NotFound 404, Conflict 409, PreconditionFailed 412;
     /// Of retries.
@@ -71,13 +71,13 @@ problem_sets! {
     StudyPlotProblems: ValidationError 400, NotFound 404, ResultNotReady 409, FormatNotAvailable 422, Busy 503;
     /// Of requests of workers for jobs, and of renewals.
     LeaseProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, WorkerRefused 409, WorkerBlocked 409,
-        PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+        PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of workers that are allowed again.
     AllowProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422;
+        UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of the ends of leases.
     LeaseEndProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, LeaseLost 409,
-        PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422;
+        PayloadTooLarge 413, UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of files that workers send.
     LeaseFileProblems: ValidationError 400, MalformedJson 400, NotFound 404, RequestTimeout 408, LeaseLost 409,
         ValidationError 422, Busy 503;
@@ -85,7 +85,7 @@ problem_sets! {
     CheckpointProblems: ValidationError 400, NotFound 404, LeaseLost 409, Busy 503;
     /// Of the beginnings of sessions.
     SessionProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, ValidationError 422;
+        UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of routes that ask for nothing.
     OpenProblems: ValidationError 400;
     /// Of explanations.

@@ -7,13 +7,12 @@
 #[cfg(test)]
 mod document;
 
-use std::io;
+use std::io::{self, Write};
 
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::{IntoResponse as _, Response};
-use bytes::Bytes;
 use packstone_engine::export::tables::{self, Format};
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -175,14 +174,14 @@ async fn page(
 ) -> Result<Response, Problem> {
     let permit = files::turn(app).await?;
     let artifacts = app.shared.artifacts.clone();
-    let page = blocking(job.id, move || {
-        let (result, mut page) = (artifacts.read(&artifact)?, Vec::new());
-        page::write(result.head(), &result, &mut page)?;
-        Ok(page)
+    let (result, measured) = blocking(job.id, move || {
+        let (result, mut measured) = (artifacts.read(&artifact)?, Measured::default());
+        page::write(result.head(), &result, &mut measured)?;
+        Ok((result, measured))
     })
     .await?;
     let described = Described {
-        etag: format!("\"{}\"", hex::encode(&Sha256::digest(&page)[..16])),
+        etag: format!("\"{}\"", hex::encode(&measured.digest.finalize()[..16])),
         content_type: HeaderValue::from_static("text/html; charset=utf-8"),
         filename: FileName::of(job, "html"),
         inline: false,
@@ -192,15 +191,33 @@ async fn page(
     if let Some(response) = described.not_modified(headers) {
         return Ok(response);
     }
-    let page = Bytes::from(page);
-    let part = described.part(method, headers, page.len() as u64)?;
+    let part = described.part(method, headers, measured.bytes)?;
+    // Written once more while it is sent: readers that are slow would hold as many pages in memory.
+    let write = move |out: &mut dyn Write| page::write(result.head(), &result, out);
     described
         .respond(part, async |range| {
-            let part = page.slice(range.start as usize..range.end as usize);
-            let length = part.len() as u64;
-            Ok(files::body(conversion::start_file(Box::new(io::Cursor::new(part)), length, permit)))
+            Ok(files::body(conversion::start_writing(Box::new(write), "html", range, false, permit)))
         })
         .await
+}
+
+/// The digest and the length of what is written.
+#[derive(Default)]
+struct Measured {
+    digest: Sha256,
+    bytes: u64,
+}
+
+impl Write for Measured {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.digest.update(bytes);
+        self.bytes += bytes.len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// Text gets shorter by half and more; the digits of floating-point numbers in binary formats hardly do.

@@ -8,7 +8,6 @@ mod cookie;
 mod site;
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
@@ -19,9 +18,10 @@ use crate::accounts::{ApiKeys, Caller, Submitter, digest};
 use crate::base_path;
 use crate::failure::Failure;
 use crate::http::app::App;
+use crate::http::body::JsonBody;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::set;
-use crate::http::{auth, body, observe};
+use crate::http::{auth, observe};
 use crate::problem::Problem;
 
 pub(crate) use cookie::{COOKIE, Sessions};
@@ -29,6 +29,8 @@ pub(crate) use site::Site;
 
 /// The route of sessions.
 pub(crate) const ROUTE: &str = "/session";
+/// Longest body: it holds one key, and is read before the client has shown any.
+const MAX_BODY_BYTES: u64 = 4 << 10;
 
 /// Who has begun a session, in the extensions of the answer: for the logs.
 #[derive(Clone)]
@@ -68,9 +70,9 @@ pub(crate) async fn begin(
     State(app): State<App>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let key = read(&body::json(&app, &headers, body).await?)?;
+    let key = read(&body.json(&app, MAX_BODY_BYTES).await?)?;
     let mut response = StatusCode::NO_CONTENT.into_response();
     let Some(keys) = app.shared.accounts.keys() else { return Ok(response) };
     let caller = auth::of_key(&keys, &key)?;

@@ -1,7 +1,6 @@
 //! Changing a study: whether others may read it, and its webhook, by a JSON merge patch (RFC 7396).
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
@@ -12,7 +11,7 @@ use serde_json::Value;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::{JsonBody, PATCH_BYTES};
 use crate::http::conditional::target;
 use crate::http::params::{IdPath, NoParameters, Query, StudyPath};
 use crate::http::problems::refused;
@@ -75,9 +74,9 @@ pub(crate) async fn patch(
     IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
-    let patch = StudyPatch::read(&body::json(&app, &headers, body).await?).map_err(Failure::invalid)?;
+    let patch = StudyPatch::read(&body.json(&app, PATCH_BYTES).await?).map_err(Failure::invalid)?;
     if let Change::Set(url) = &patch.webhook_url {
         webhooks::check(&app.shared.webhook_rules, Some(url))?;
     }

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use axum::Extension;
-use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::Response;
@@ -15,7 +14,7 @@ use serde_json::Value;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body;
+use crate::http::body::JsonBody;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
@@ -64,11 +63,11 @@ pub(crate) async fn submit(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    body: Body,
+    mut body: JsonBody,
 ) -> Result<Response, Problem> {
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);
-    let bytes = body::json_bytes(&app, &headers, body).await?;
+    let bytes = body.read(app.shared.max_body_bytes).await?;
     let Submission { study, request, body_sha256 } = read(&app, bytes, app.limits_of(&caller)).await?;
     let by = caller.by.clone();
     let idempotency_key = key.map(|key| IdempotencyKey { scope: by.owner.clone(), key, body_sha256 });
@@ -80,6 +79,8 @@ pub(crate) async fn submit(
         }
     }
     let submitted = app.shared.store.submit_study(NewStudy { study, request, by, idempotency_key }).await?;
+    // The answer may be held back, and what was read is stored.
+    drop(body);
     let (mut record, status) = match submitted {
         SubmittedStudy::Created(record) => {
             tracing::info!(study_id = %record.id, jobs = record.jobs(), "accepted");
