@@ -177,7 +177,7 @@ async fn unknown_routes_and_methods_are_problem_documents() {
     }
     for (method, path, allowed) in [
         (Method::PUT, "/v1/jobs".to_owned(), "POST"),
-        (Method::DELETE, "/v1/jobs".to_owned(), "GET"),
+        (Method::DELETE, "/v1/studies".to_owned(), "GET"),
         (Method::PUT, format!("/v1/jobs/{id}"), "PATCH"),
         (Method::POST, format!("/v1/jobs/{id}/result"), "GET"),
         (Method::GET, format!("/v1/jobs/{id}/cancel"), "POST"),

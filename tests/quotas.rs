@@ -21,7 +21,9 @@ async fn a_study_is_refused_by_the_sum_of_what_its_jobs_would_be_refused_by() {
         let reply = client.post(path).json(body).send().await;
         assert!(!reply.header("retry-after").is_empty());
         let problem = reply.expect_problem(507, "insufficient-storage");
-        assert_eq!(problem["free_bytes"], 1_000_000, "{problem}");
+        // Requests that were accepted count.
+        let free_bytes = problem["free_bytes"].as_u64().unwrap();
+        assert!((990_000..=1_000_000).contains(&free_bytes), "{problem}");
         problem["needed_bytes"].as_u64().unwrap()
     };
     let large = jobs::equal_spheres(70_000, 1);

@@ -91,12 +91,14 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
             let kind = if of_study { "success" } else { "grading" };
             template.replace("{id}", id).replace("{type}", "slice").replace("{kind}", kind)
         };
-        if template.starts_with("/v1/leases") {
-            // For workers alone, whoever the owner of the job is.
+        let for_workers = template.starts_with("/v1/leases");
+        if for_workers || template.starts_with("/v1/workers") {
+            // For workers or administrators alone, whoever the owner of the job is.
+            let role = if for_workers { "`worker`" } else { "`admin`" };
             let target = template.replace("{job}", id_of(&job)).replace("{attempt}", "1");
             for client in [&anna, &bert, &carl, &gauge] {
                 let problem = send(client, method, &target).send().await.expect_problem(403, "forbidden");
-                assert!(detail(&problem).contains("`worker`"), "{problem}");
+                assert!(detail(&problem).contains(role), "{problem}");
             }
             assert_ne!(send(&root, method, &target).send().await.status, 403, "{name}");
             service += 1;
@@ -158,7 +160,7 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
             asked += 1;
         }
     }
-    assert!(named > 20 && changing > 8 && service == 7 && asked > 3, "{named} {changing} {service} {asked}");
+    assert!(named > 20 && changing > 8 && service == 9 && asked > 3, "{named} {changing} {service} {asked}");
     let after = anna.job(id_of(&job)).await;
     assert_eq!(
         (after["state"].clone(), after["labels"].clone()),
@@ -458,9 +460,11 @@ async fn the_audit_log_tells_of_every_request_that_changes_something() {
         let id = if template.starts_with("/v1/studies") { id_of(&study) } else { id_of(&job) };
         let target = template.replace("{id}", id).replace("{type}", "slice");
         for (client, status) in [(&bert, 403), (&carl, 404)] {
-            // Carl may submit; his empty document is refused, and so is a deletion without a filter.
+            // Carl may submit, and allow no worker; his empty document is refused, and so is a deletion without a
+            // filter.
             let status = match method {
                 _ if status != 404 || template.contains("{id}") => status,
+                _ if template == "/v1/workers/allow" => 403,
                 "delete" => 400,
                 _ => 422,
             };

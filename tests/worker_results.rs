@@ -26,7 +26,8 @@ impl Stored {
         let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
         let (head_bytes, rows) = (number(8), number(16));
         let head = serde_json::from_slice(&bytes[24..24 + head_bytes]).unwrap();
-        let values: Vec<f64> = bytes[24 + head_bytes..]
+        // The sum of all bytes stands at the end.
+        let values: Vec<f64> = bytes[24 + head_bytes..bytes.len() - 4]
             .chunks_exact(8)
             .map(|value| f64::from_le_bytes(value.try_into().unwrap()))
             .collect();
@@ -35,12 +36,15 @@ impl Stored {
     }
 
     fn bytes(&self) -> Vec<u8> {
-        let head = serde_json::to_vec(&self.head).unwrap();
+        let mut head = serde_json::to_vec(&self.head).unwrap();
+        // Columns start at a multiple of 64 bytes.
+        head.resize((24 + head.len()).next_multiple_of(64) - 24, b' ');
         let mut bytes = self.magic.to_vec();
         bytes.extend((head.len() as u64).to_le_bytes());
         bytes.extend((self.rows as u64).to_le_bytes());
         bytes.extend(head);
         bytes.extend(self.columns.iter().flatten().flat_map(|value| value.to_le_bytes()));
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
         bytes
     }
 

@@ -393,6 +393,9 @@ pub(crate) fn with_id(file: &[u8], packed: &str, id: &str) -> Vec<u8> {
     let at =
         file.windows(packed.len()).position(|bytes| bytes == packed.as_bytes()).expect("the ID of the job");
     file[at..at + id.len()].copy_from_slice(id.as_bytes());
+    let end = file.len() - 4;
+    let sum = crc32fast::hash(&file[..end]).to_le_bytes();
+    file[end..].copy_from_slice(&sum);
     file
 }
 

@@ -206,8 +206,8 @@ pub(crate) struct ServeOptions {
     /// Seconds for which a worker holds a job without a sign of life; then the job goes to another
     #[arg(long, env = "PACKSTONE_LEASE_S", default_value_t = DEFAULT_LEASE_S, value_parser = lease)]
     pub(crate) lease_s: f64,
-    /// Share of the results of worker processes whose grains the server checks pair by pair, from 0 to 1; numbers, sizes,
-    /// walls and figures are checked in any case
+    /// Share of the results of worker processes whose grains the server checks pair by pair, from 0 to 1; numbers,
+    /// sizes, walls and figures are checked in any case
     #[arg(long, env = "PACKSTONE_VERIFY_RESULTS", default_value_t = 1.0, value_parser = share)]
     pub(crate) verify_results: f64,
     /// Seconds between two checkpoints of a running job, from which it goes on after a crash; 0 keeps one at
@@ -228,8 +228,8 @@ impl ServeOptions {
         }
     }
 
-    /// Threads for what blocks them: each takes 2 MiB of address space. Downloads, uploads and jobs may hold one for long,
-    /// jobs and exports a few more in a moment.
+    /// Threads for what blocks them: each takes 2 MiB of address space. Downloads, uploads and jobs may hold one for
+    /// long, jobs and exports a few more in a moment.
     pub(crate) fn blocking_threads(&self) -> usize {
         let jobs = self.workers() + usize::from(self.export_workers);
         self.max_downloads + MAX_UPLOADS + 4 * jobs + OTHER_BLOCKING_THREADS

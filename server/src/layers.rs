@@ -48,7 +48,7 @@ const LAYERS: &[&[&str]] = &[
     &["http_server", "places", "service"],
     &["local"],
     &["cli"],
-    &["layers", "lib", "main"],
+    &["allocator", "layers", "lib", "main"],
 ];
 
 fn layer_of(module: &str) -> usize {

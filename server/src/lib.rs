@@ -49,6 +49,12 @@ mod web_files;
 mod webhooks;
 mod workers;
 
+/// Names the function that returns free memory of the allocator to the system: commands that run for long call it from
+/// time to time. Without one, the allocator does as it likes.
+pub fn release_memory_by(release: fn()) {
+    memory::set_release(release);
+}
+
 /// Runs a command line, whose first argument is the name of the program, and returns the exit code. A wrong command
 /// line ends the process with exit code 2, as `--help` does with 0.
 pub fn main(arguments: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {

@@ -4,10 +4,50 @@
 //! Containers limit memory by Linux control groups: version 2 writes the limit to `memory.max`, version 1 to
 //! `memory.limit_in_bytes`, each for a group and all groups above it
 //! (<https://docs.kernel.org/admin-guide/cgroup-v2.html>, "Memory Interface Files").
+//!
+//! Memory that was freed is returned to the system from time to time, where the binary names a function that does so.
 
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 use rustix::process::{Resource, getrlimit};
+use tokio_util::sync::CancellationToken;
+
+use crate::tasks;
+
+/// Time between two looks at the memory of the process.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
+/// Growth since the last release that is worth another: a release reads all free blocks.
+const LEAST_GROWTH_BYTES: u64 = 4 << 20;
+
+static RELEASE: OnceLock<fn()> = OnceLock::new();
+
+/// Sets the function that returns free memory to the system; the first one stays.
+pub(crate) fn set_release(release: fn()) {
+    let _ = RELEASE.set(release);
+}
+
+/// Returns free memory to the system after the process has grown, until `shutdown`.
+pub(crate) async fn release_regularly(shutdown: CancellationToken) {
+    let Some(release) = RELEASE.get() else { return };
+    let mut after_release = 0;
+    while shutdown.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
+        if resident_bytes().is_some_and(|bytes| bytes >= after_release + LEAST_GROWTH_BYTES) {
+            if tasks::blocking(release).await.is_err() {
+                return;
+            }
+            after_release = resident_bytes().unwrap_or_default();
+        }
+    }
+}
+
+/// Bytes of memory that this process has now (`/proc/self/statm`, second field, in pages).
+fn resident_bytes() -> Option<u64> {
+    let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages: u64 = statm.split_whitespace().nth(1)?.parse().ok()?;
+    Some(pages * rustix::param::page_size() as u64)
+}
 
 /// Bytes of memory that this process may use; `None` where the system does not say.
 pub(crate) fn total_bytes() -> Option<u64> {

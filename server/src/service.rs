@@ -27,6 +27,7 @@ use crate::http::{self, App, OperatorFiles};
 use crate::http_server::{self, ConnectionLimits};
 use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits, Unusable};
 use crate::jobs::sweeper::{self, SweepError};
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::open_files::OpenFiles;
 use crate::places;
@@ -257,6 +258,7 @@ impl Service {
         let router = http::router(app.clone());
         let checks = tasks::spawn(app.shared.checks.clone().run());
         tasks::spawn(watch_settings(files.clone(), reload, shutdown.clone()));
+        tasks::spawn(memory::release_regularly(shutdown.clone()));
         let workers = tasks::spawn(work(executor, here, options.clone(), files.webhook_secrets));
         let audit = files.audit;
         app.set_ready(true);

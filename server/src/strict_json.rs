@@ -6,8 +6,8 @@
 //! Stricter than [`serde_json::Value`]: a key that occurs twice is refused, because one of the two values would be lost
 //! without notice. Every fault has the JSON pointer (RFC 6901) of its place. The memory of the value is bounded by the
 //! length of the text, and in all: a value takes 72 bytes and as little as two bytes of text, an object or array about
-//! 400 bytes and as little as four bytes of text, a key or a string at least 32 bytes beside its value. Small blocks are
-//! bounded most, because an allocator returns them late to the system.
+//! 400 bytes and as little as four bytes of text, a key or a string at least 32 bytes beside its value. Small blocks
+//! are bounded most, because an allocator returns them late to the system.
 
 mod encoding;
 

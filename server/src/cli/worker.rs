@@ -21,6 +21,7 @@ use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, seconds_or_none};
 use crate::disk::{Disk, Shortage};
+use crate::memory;
 use crate::metrics::Metrics;
 use crate::service::{StartError, lock};
 use crate::tasks;
@@ -159,6 +160,7 @@ async fn work(
         metrics: Arc::new(Metrics::default()),
     };
     let executor = Executor { kind: packings, shutdown: shutdown.clone() };
+    tasks::spawn(memory::release_regularly(shutdown.clone()));
     tasks::spawn(there.clone().keep_renewing());
     tasks::spawn(there.clone().keep_sending_checkpoints());
     let mut executors: JoinSet<()> = JoinSet::new();

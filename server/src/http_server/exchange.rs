@@ -10,6 +10,7 @@ use axum::body::Body;
 use bytes::Bytes;
 use hyper::body::{Frame, SizeHint};
 
+use super::BUFFER_BYTES;
 use crate::memory_budget::{Exceeded, Reservation};
 
 /// One request and its answer after the other, on one connection.
@@ -34,7 +35,10 @@ impl Exchange {
         if self.is_answering() {
             return Ok(());
         }
-        self.head.lock().unwrap_or_else(PoisonError::into_inner).grow(bytes as u64)
+        let mut head = self.head.lock().unwrap_or_else(PoisonError::into_inner);
+        // More is the rest of a body whose request was refused: it is read and dropped.
+        let most = (BUFFER_BYTES as u64).saturating_sub(head.bytes());
+        head.grow(most.min(bytes as u64))
     }
 
     /// Whether a part of a head has arrived.

@@ -1,8 +1,8 @@
 //! The bytes of a connection, on their way between the system and the HTTP library.
 //!
 //! Three things are done here, because the library does not do them: heads are counted in the budget of memory, clients
-//! that take too little of an answer are given up, and the bare error answers that the library writes by itself are kept
-//! back, so that a problem document can be written in their place.
+//! that take too little of an answer are given up, and the bare error answers that the library writes by itself are
+//! kept back, so that a problem document can be written in their place.
 
 use std::io::{self, IoSlice};
 use std::pin::Pin;
