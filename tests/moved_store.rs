@@ -9,6 +9,9 @@ use std::time::Duration;
 use crate::harness::deadline::{eventually, patiently, within};
 use crate::harness::{Client, DataDir, Launch, Postgres, Server, holds_every_store, id_of, jobs};
 
+/// A fault by its name, the file that it concerns, and what makes it in a data directory.
+type Fault = (&'static str, &'static str, fn(&Path));
+
 /// The service ends by itself so long after its store was replaced: a look, and the end of a run.
 const ENDS_WITHIN: Duration = Duration::from_secs(20);
 /// Exit code of a fault of the machine.
@@ -40,20 +43,20 @@ async fn a_store_that_is_moved_removed_or_replaced_accepts_and_answers_nothing()
         return;
     }
     let away = |path: &Path| path.with_extension("away");
-    let changes: [(&str, &str, fn(&Path)); 7] = [
+    let changes: [Fault; 7] = [
         ("the data directory is moved", "", |data| fs::rename(data, data.with_extension("away")).unwrap()),
         ("the data directory is removed", "", |data| fs::remove_dir_all(data).unwrap()),
         ("the database is replaced by a copy", "packstone.sqlite", |data| {
-            replace(&data.join("packstone.sqlite"))
+            replace(&data.join("packstone.sqlite"));
         }),
         ("the database is removed", "packstone.sqlite", |data| {
-            fs::remove_file(data.join("packstone.sqlite")).unwrap()
+            fs::remove_file(data.join("packstone.sqlite")).unwrap();
         }),
         ("the log is removed", "packstone.sqlite-wal", |data| {
-            fs::remove_file(data.join("packstone.sqlite-wal")).unwrap()
+            fs::remove_file(data.join("packstone.sqlite-wal")).unwrap();
         }),
         ("the shared memory is removed", "packstone.sqlite-shm", |data| {
-            fs::remove_file(data.join("packstone.sqlite-shm")).unwrap()
+            fs::remove_file(data.join("packstone.sqlite-shm")).unwrap();
         }),
         ("another directory takes its place", "", |data| {
             fs::rename(data, data.with_extension("away")).unwrap();
@@ -153,7 +156,7 @@ async fn a_database_that_does_not_answer_is_not_waited_for() {
     let suspended = postgres.suspend();
     let refused = async {
         loop {
-            let reply = client.get("/v1/jobs").timeout(Duration::from_secs(60)).send().await;
+            let reply = client.get("/v1/jobs").timeout(Duration::from_mins(1)).send().await;
             if reply.status.as_u16() == 503 {
                 return reply;
             }

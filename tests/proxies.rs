@@ -144,7 +144,7 @@ fn imports(script: &str) -> BTreeSet<&str> {
         .into_iter()
         .flat_map(|start| script.split(start).skip(1))
         .filter_map(|rest| rest.split('"').next())
-        .filter(|name| name.ends_with(".js"))
+        .filter(|name| Path::new(name).extension().is_some_and(|extension| extension == "js"))
         .collect()
 }
 

@@ -128,7 +128,7 @@ async fn an_audit_log_that_nobody_reads_holds_up_no_answer() {
         for seed in 0..400 {
             client.submit(&jobs::quick(seed)).await;
         }
-        assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", begin.elapsed());
+        assert!(begin.elapsed() < Duration::from_mins(1), "{:?}", begin.elapsed());
         server.terminate();
         let log = server.log_at_end().await;
         assert!(log.contains("the audit log takes no lines"), "{log}");

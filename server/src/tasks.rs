@@ -90,7 +90,7 @@ mod tests {
     fn a_future_is_waited_for_without_a_runtime_and_not_for_ever() {
         let (sender, mut receiver) = tokio::sync::mpsc::channel(1);
         let sent = thread::spawn(move || sender.blocking_send(7));
-        assert_eq!(wait_for(receiver.recv(), Duration::from_secs(60)), Some(Some(7)));
+        assert_eq!(wait_for(receiver.recv(), Duration::from_mins(1)), Some(Some(7)));
         assert!(sent.join().is_ok_and(|sent| sent.is_ok()));
         assert_eq!(wait_for(std::future::pending::<()>(), Duration::from_millis(1)), None);
     }

@@ -140,7 +140,7 @@ fn digest(from: &mut dyn Read) -> io::Result<(String, BlockSums)> {
 impl StoredResult {
     /// The result in a file.
     pub(super) fn of(file: CheckedFile) -> io::Result<Self> {
-        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, file.from_start()))?;
+        let layout = Layout::read(&mut BufReader::with_capacity(BLOCK_BYTES, file.reader()))?;
         if layout.file_length() != file.length() {
             return Err(invalid("the file holds other columns than it says".into()));
         }

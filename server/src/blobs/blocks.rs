@@ -189,7 +189,7 @@ impl CheckedFile {
     }
 
     /// Reads from the start.
-    pub(crate) fn from_start(&self) -> impl Read + '_ {
+    pub(crate) fn reader(&self) -> impl Read + '_ {
         FromStart { file: self, offset: 0 }
     }
 
@@ -382,9 +382,9 @@ mod tests {
             CheckedFile::new(file, "x".into(), Arc::clone(&self.sums), self.on_damage())
         }
 
-        fn blob(&self) -> Box<CheckedBlob> {
+        fn blob(&self) -> CheckedBlob {
             let file = Box::new(File::open(self.file.path()).unwrap());
-            Box::new(CheckedBlob::new(file, "x".into(), Arc::clone(&self.sums), self.on_damage()))
+            CheckedBlob::new(file, "x".into(), Arc::clone(&self.sums), self.on_damage())
         }
 
         fn flip(&self, at: usize) {
@@ -405,19 +405,19 @@ mod tests {
         for range in ranges() {
             let mut found = Vec::new();
             let part = range.start as u64..range.end as u64;
-            stored.blob().read(part).unwrap().read_to_end(&mut found).unwrap();
+            Box::new(stored.blob()).read(part).unwrap().read_to_end(&mut found).unwrap();
             assert!(found == stored.bytes[range.clone()], "{range:?}");
             let mut found = vec![0; range.len()];
             stored.file().read_exact_at(&mut found, range.start as u64).unwrap();
             assert!(found == stored.bytes[range.clone()], "{range:?}");
         }
         let mut found = Vec::new();
-        stored.file().from_start().read_to_end(&mut found).unwrap();
+        stored.file().reader().read_to_end(&mut found).unwrap();
         assert!(found == stored.bytes);
         let beyond = stored.file().read_exact_at(&mut [0; 2], BYTES as u64 - 1).unwrap_err();
         assert_eq!(beyond.kind(), io::ErrorKind::UnexpectedEof);
         let empty = Stored::new(0);
-        assert_eq!((empty.sums.len(), empty.file().from_start().read(&mut [0]).unwrap()), (0, 0));
+        assert_eq!((empty.sums.len(), empty.file().reader().read(&mut [0]).unwrap()), (0, 0));
     }
 
     #[test]
@@ -429,7 +429,7 @@ mod tests {
             assert_eq!(stored.sums.first_damaged(stored.file.as_file()).unwrap(), Some(block));
             let before = stored.damaged.load(Ordering::Relaxed);
             let mut found = Vec::new();
-            let error = match stored.blob().read(0..BYTES as u64) {
+            let error = match Box::new(stored.blob()).read(0..BYTES as u64) {
                 // Found before the first byte.
                 Err(error) => error,
                 Ok(mut reading) => reading.read_to_end(&mut found).unwrap_err(),

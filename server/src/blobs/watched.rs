@@ -259,7 +259,7 @@ impl Blobs for Watched {
         match (&*noted, &found) {
             (None, Some(trouble)) => tracing::error!(trouble, "files cannot be read or written"),
             (Some(_), None) => {
-                tracing::info!(place = self.inner.shown(""), "files can be read and written again")
+                tracing::info!(place = self.inner.shown(""), "files can be read and written again");
             }
             _ => {}
         }

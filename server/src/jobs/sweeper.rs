@@ -418,7 +418,7 @@ mod tests {
         std::fs::write(named("artifacts/cd/notes.txt"), "x").unwrap();
         sweep(&store, &artifacts, &checkpoints, RULES).await.unwrap();
         assert!(named("artifacts/ab").exists(), "the next file may come at any moment");
-        let before = std::time::SystemTime::now() - Duration::from_secs(60);
+        let before = std::time::SystemTime::now() - Duration::from_mins(1);
         for old in ["artifacts/ab", "artifacts/cd", "quarantine/2026-03-28/ab", "quarantine/2026-03-28"] {
             std::fs::File::open(named(old)).unwrap().set_modified(before).unwrap();
         }

@@ -230,7 +230,7 @@ mod tests {
             choice.go.is_empty() && on_the_way.attempts.values().all(|attempt| attempt.cut.is_cancelled())
         );
         while let Some(ended) = on_the_way.tasks.join_next_with_id().await {
-            on_the_way.ended(ended.map(|(id, ())| id).unwrap_or_else(|error| error.id()));
+            on_the_way.ended(ended.map_or_else(|error| error.id(), |(id, ())| id));
         }
         let choice = on_the_way.choose(waiting(), Instant::now());
         assert_eq!(choice.go.len(), OF_ONE_OWNER);

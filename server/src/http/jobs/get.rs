@@ -70,7 +70,7 @@ pub(crate) async fn get(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asked = Asked::of(&headers);
-    let answered = async {
+    let answered = Box::pin(async {
         let record = wait_until(&app, id, asked.wait(), |job| asked.settles(job)).await?;
         if record.state == jobs::State::Running && !record.worker.is_empty() {
             app.shared.polled.note(id, RECENT);
@@ -80,7 +80,7 @@ pub(crate) async fn get(
             Ok(view::response(&app, StatusCode::OK, &record, job).await)
         };
         asked.answer(&record, whole).await
-    };
+    });
     answered.await.map_err(|error| refused(error, id))
 }
 

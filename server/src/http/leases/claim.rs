@@ -155,11 +155,11 @@ impl Drop for Unanswered {
             for Claimed { lease, .. } in claimed {
                 match store.give_back(lease).await {
                     Ok(()) => {
-                        tracing::info!(job_id = %lease.id, "a worker hung up before it got the job: requeued")
+                        tracing::info!(job_id = %lease.id, "a worker hung up before it got the job: requeued");
                     }
                     Err(StoreError::LeaseLost) => {}
                     Err(error) => {
-                        tracing::warn!(%error, job_id = %lease.id, "a lease that nobody has will run out")
+                        tracing::warn!(%error, job_id = %lease.id, "a lease that nobody has will run out");
                     }
                 }
             }
