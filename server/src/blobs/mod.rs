@@ -154,7 +154,6 @@ pub(crate) trait Blob: fmt::Debug + Send {
 }
 
 /// How a client that gets a blob from the storage is to see it.
-#[cfg_attr(not(feature = "s3"), expect(dead_code, reason = "only a bucket gives out URLs"))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Shown<'a> {
     /// `Content-Type`.

@@ -13,7 +13,7 @@ use crate::accounts::{Quotas, Submitter};
 #[cfg(feature = "postgres")]
 use crate::exports::{NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
-use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, WaitReason};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
 use crate::studies::Facts;
 
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
@@ -56,7 +56,7 @@ pub(super) async fn database(folder: &TempDir) -> Database {
 }
 
 #[cfg(not(feature = "postgres"))]
-async fn database(folder: &TempDir) -> Database {
+pub(super) async fn database(folder: &TempDir) -> Database {
     std::future::ready(file_of(folder)).await
 }
 
@@ -281,7 +281,7 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
     }
     let job = submit(&store, json!({"max_attempts": 2})).await;
     let first = store.claim().await.unwrap().unwrap().lease;
-    store.requeue_after_fault(first, WaitReason::machine()).await.unwrap();
+    store.requeue_after_fault(first, crate::jobs::WaitReason::machine()).await.unwrap();
     store.end_pauses(job.owner.clone()).await.unwrap();
     let second = store.claim().await.unwrap().unwrap().lease;
     store.give_back(second).await.unwrap();
