@@ -26,7 +26,7 @@ use crate::webhooks::rules::allowed_host;
 const MEMORY_SHARE: f64 = 0.8;
 /// Share of the memory that requests being read and answers being sent may hold, and the most by default.
 const REQUEST_MEMORY_SHARE: f64 = 1.0 / 16.0;
-const REQUEST_MEMORY_BYTES: u64 = 96 << 20;
+const REQUEST_MEMORY_BYTES: u64 = 72 << 20;
 /// Files of workers taken in at once: each holds a thread that writes to the disk.
 pub(crate) const MAX_UPLOADS: usize = 64;
 /// Threads for readings of the disk that take a moment.
@@ -146,7 +146,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_MAX_BODY_BYTES", default_value_t = DEFAULT_MAX_BODY_BYTES)]
     pub(crate) max_body_bytes: u64,
     /// Most memory that requests being read and answers being sent hold together, in bytes; one client address may hold
-    /// half of it. It is never less than --max-body-bytes [default: a sixteenth of the memory, at most 96 MiB]
+    /// half of it. It is never less than --max-body-bytes [default: a sixteenth of the memory, at most 72 MiB]
     #[arg(long, env = "PACKSTONE_REQUEST_MEMORY_BYTES")]
     pub(crate) request_memory_bytes: Option<u64>,
     /// Most open connections
