@@ -369,6 +369,9 @@ impl Store {
         if let Some(Failing { why: why @ Unusable::Damaged(_), .. }) = self.shared.presence.failing() {
             return Err(why);
         }
+        if self.shared.presence.damage.is_noted() {
+            return Err(Unusable::Damaged("a page cannot be read; the others are being checked".to_owned()));
+        }
         let store = self.clone();
         let written = self.detached(async move { store.try_write().await });
         match timeout(READY_WITHIN, written).await {
