@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::harness::deadline::patiently;
+use crate::harness::deadline::{eventually, patiently};
 use crate::harness::{DataDir, Server, holds_every_store, id_of, jobs, packstone};
 
 /// Length of a page of the database.
@@ -126,7 +126,8 @@ async fn damaged_pages_make_the_service_not_ready_until_the_database_is_restored
     };
     let why: Value = patiently("the service to be not ready", not_ready).await;
     assert!(why["detail"].as_str().unwrap().contains("damaged"), "{why:#}");
-    assert!(server.log().contains("the store fails; the service is not ready"), "{}", server.log());
+    let is_logged = || server.log().contains("the store fails; the service is not ready");
+    eventually("the log to say so", is_logged).await;
     server.kill().await;
     // The operator restores the database.
     fs::write(&database, &good).unwrap();
