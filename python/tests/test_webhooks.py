@@ -45,7 +45,7 @@ def test_a_job_and_a_study_end_in_signed_messages(
     url, messages = received
     secret = subprocess.run([binary(), "webhook-secret"], capture_output=True, text=True, check=True).stdout.strip()
     file = tmp_path / "secret"
-    file.write_text(secret)
+    file.write_text(secret + "\n")
     options = ("--webhook-secret-file", str(file), "--webhook-allowed-host", "127.0.0.1")
     with LiveServer(tmp_path, *options) as server, packstone.Client(server.url) as client:
         assert client.capabilities()["webhooks"] is True
