@@ -17,6 +17,8 @@ const LONGEST: usize = 16 * MEGABYTE;
 /// Memory over that of the idle server while unfinished bodies are held, and after.
 const MOST_PEAK_BYTES: u64 = 160 << 20;
 const MOST_AFTER_BYTES: u64 = 64 << 20;
+/// What a job of a million grains leaves at most.
+const MOST_LEFT_BYTES: u64 = 24 << 20;
 /// Connections of one address that a test opens at most: half of all may be open.
 const CONNECTIONS: usize = 60;
 
@@ -131,6 +133,20 @@ async fn a_body_beyond_the_budget_is_put_off() {
         while client.post("/v1/plans").text(large.clone()).send().await.status != 200 {}
     })
     .await;
+    server.stop().await;
+}
+
+/// Memory is given back every ten seconds: the job ends after that, so that what it holds has outlasted one time.
+#[tokio::test]
+async fn the_memory_of_a_long_job_is_given_back_after_its_end() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(1).start().await;
+    let (idle, client) = (server.resident_bytes(), server.client());
+    let job = client.submit(&jobs::with(jobs::endless(), "/timeout_s", json!(15))).await;
+    let ended = client.finished(id_of(&job)).await;
+    assert_eq!(ended["error"]["type"], "/problems/timed-out", "{ended:#}");
+    assert!(server.peak_bytes() >= idle + MOST_LEFT_BYTES, "the job is too small to show it");
+    eventually("the memory to be given back", || server.resident_bytes() < idle + MOST_LEFT_BYTES).await;
     server.stop().await;
 }
 

@@ -18,7 +18,7 @@ use crate::tasks;
 
 /// Time between two looks at the memory of the process.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
-/// Growth since the last release that is worth another: a release reads all free blocks.
+/// Growth since the start that is worth a release, which reads all free blocks.
 const LEAST_GROWTH_BYTES: u64 = 4 << 20;
 
 static RELEASE: OnceLock<fn()> = OnceLock::new();
@@ -28,16 +28,18 @@ pub(crate) fn set_release(release: fn()) {
     let _ = RELEASE.set(release);
 }
 
-/// Returns free memory to the system after the process has grown, until `shutdown`.
+/// Returns free memory to the system from time to time while the process is larger than at its start, until `shutdown`.
+///
+/// What is freed by the end of a job was in use at an earlier release, and frees no page by itself: so the size after
+/// the last release does not tell whether another one is worth it.
 pub(crate) async fn release_regularly(shutdown: CancellationToken) {
     let Some(release) = RELEASE.get() else { return };
-    let mut after_release = 0;
+    let at_start = resident_bytes().unwrap_or_default();
     while shutdown.run_until_cancelled(tokio::time::sleep(LOOK_EVERY)).await.is_some() {
-        if resident_bytes().is_some_and(|bytes| bytes >= after_release + LEAST_GROWTH_BYTES) {
-            if tasks::blocking(release).await.is_err() {
-                return;
-            }
-            after_release = resident_bytes().unwrap_or_default();
+        if resident_bytes().is_some_and(|bytes| bytes >= at_start + LEAST_GROWTH_BYTES)
+            && tasks::blocking(release).await.is_err()
+        {
+            return;
         }
     }
 }

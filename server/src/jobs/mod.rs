@@ -164,6 +164,8 @@ pub(crate) struct JobRecord {
     pub(crate) shared: bool,
     /// Name of the process that runs it or ran it last; empty for the server itself.
     pub(crate) worker: String,
+    /// How often it was requeued after faults of machines.
+    pub(crate) faults: i64,
 }
 
 impl JobRecord {

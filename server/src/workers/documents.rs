@@ -184,7 +184,7 @@ impl LeaseDocument {
             attempt: claimed.lease.attempt,
             lease_s,
             timeout_s: run_limit_s(claimed.job.timeout_s, max_run_s),
-            faults: claimed.faults,
+            faults: claimed.job.faults,
             threads: claimed.job.threads,
             most_threads: claimed.job.most_threads,
             queued,

@@ -68,7 +68,7 @@ impl Here {
             lease: claimed.lease,
             request: claimed.request,
             timeout_s: run_limit_s(claimed.job.timeout_s, self.max_run_s),
-            faults: claimed.faults,
+            faults: claimed.job.faults,
             limits: Limits { threads: held.count(), ..self.limits },
             room,
             has_checkpoint: false,

@@ -98,7 +98,7 @@ async fn failed(
     let ran_us = job.started_at.map_or(0, |at| (Timestamp::now().as_microsecond() - at).max(0));
     let ran = Duration::from_micros(ran_us.unsigned_abs());
     let timeout_s = run_limit_s(job.timeout_s, app.shared.max_run_s);
-    let attempt = Attempt { timeout_s, ran, faults: store.faults_of(job.seq).await? };
+    let attempt = Attempt { timeout_s, ran, faults: job.faults };
     let claim = claims::judge(failure, attempt).map_err(|fault| {
         app.shared.metrics.lease(LeaseEvent::Refused, 1);
         Failure::invalid(vec![fault])

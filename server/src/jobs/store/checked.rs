@@ -230,15 +230,6 @@ impl Store {
         .await
     }
 
-    /// Faults of machines that a job has met.
-    ///
-    /// # Errors
-    /// [`StoreError::NoJob`], or the database's.
-    pub(crate) async fn faults_of(&self, seq: i64) -> Result<i64, StoreError> {
-        let faults = query("select faults from jobs where seq = ?").bind(seq);
-        faults.optional_scalar(self.readers()).await?.ok_or(StoreError::NoJob)
-    }
-
     /// The worker processes that have sent wrong results since they were last allowed, the latest first.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::bodies::{self, body_of_job};
+use super::checked::MOST_WRONG_RESULTS;
 use super::db::{Row, Source, Transaction, either, query};
 use super::leases::Claim;
 use super::submit::to_json;
@@ -75,7 +76,8 @@ pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
 pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
 /// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact. Changes
-/// nothing where the claim has leased another number of jobs than `?9`: then it is a repeated one.
+/// nothing where the claim has leased another number of jobs than `?9`: then it is a repeated one. Changes nothing
+/// either where the process has sent `?10` wrong results.
 macro_rules! lease {
     ($next:expr) => {
         concat!(
@@ -87,6 +89,8 @@ macro_rules! lease {
             ") and ?9 = (
                  select count(*) from jobs as leased
                  where leased.claim = ?8 and leased.worker_key = ?7 and leased.state = 'running'
+             ) and ?10 > (
+                 select count(*) from wrong_results where wrong_results.worker_key = ?7 and wrong_results.worker = ?6
              ) returning *, cast(null as text) as path,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id,
                  ",
@@ -102,8 +106,6 @@ pub(crate) struct Claimed {
     pub(crate) job: JobRecord,
     /// The request as stored.
     pub(crate) request: String,
-    /// Faults of the machine that earlier runs have met.
-    pub(crate) faults: i64,
 }
 
 impl Claimed {
@@ -127,7 +129,7 @@ impl Claimed {
         let study = job.study.map(|place| place.id);
         let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
         let request = bodies::checked(row, "body", "body_digest")?.to_owned();
-        Ok(Self { lease, job, request, faults: row.try_get("faults")? })
+        Ok(Self { lease, job, request })
     }
 }
 
@@ -216,7 +218,8 @@ impl Store {
                 .bind(worker)
                 .bind(key)
                 .bind(claim)
-                .bind(leased);
+                .bind(leased)
+                .bind(MOST_WRONG_RESULTS);
             let Some(row) = leasing.fetch_optional(&mut *tx).await? else { return Ok(None) };
             match Claimed::of(&row) {
                 Err(StoreError::Row(fault)) => fail_damaged(tx, &row, &fault, now).await?,

@@ -189,16 +189,20 @@ impl Claim {
     /// Leases the jobs, or finds those that the same claim has leased before.
     async fn take(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<Vec<Claimed>, StoreError> {
         let mut claimed = Vec::new();
-        let wrong = wrong_results_of(&self.key, &self.worker, tx).await?;
-        if wrong >= MOST_WRONG_RESULTS {
-            return Err(StoreError::WorkerBlocked { worker: self.worker.clone(), wrong });
-        }
         while claimed.len() < self.slots as usize
             && let Some(next) = store.claim_next(tx, Lessee::Process(self, claimed.len())).await?
         {
             claimed.push(next);
         }
-        if claimed.is_empty() { Claimed::before(self, tx).await } else { Ok(claimed) }
+        if !claimed.is_empty() {
+            return Ok(claimed);
+        }
+        let before = Claimed::before(self, tx).await?;
+        let wrong = wrong_results_of(&self.key, &self.worker, tx).await?;
+        if before.is_empty() && wrong >= MOST_WRONG_RESULTS {
+            return Err(StoreError::WorkerBlocked { worker: self.worker.clone(), wrong });
+        }
+        Ok(before)
     }
 }
 

@@ -83,6 +83,7 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         submitted_by: row.try_get("submitted_by")?,
         shared: row.try_get("shared")?,
         worker: row.try_get("worker")?,
+        faults: row.try_get("faults")?,
     })
 }
 
