@@ -53,7 +53,11 @@ def _victim(rig, random, ending):
     jobs = [job for job in list(rig.jobs.values()) if job.done and not (job.deleted or job.damaged or job.lost)]
     random.shuffle(jobs)
     for job in jobs:
-        files = [file for file in rig.artifacts().glob(f"*/{job.id}.*") if file.name.endswith(ending)]
+        files = [
+            file
+            for file in rig.files_below(rig.artifacts())
+            if file.name.startswith(f"{job.id}.") and file.name.endswith(ending)
+        ]
         if ending == ".packstone" and job.done:
             files = [file for file in files if f"{job.id}.{job.done[0]}." in file.name]
         if files:

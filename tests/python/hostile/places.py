@@ -108,9 +108,10 @@ def results_moved(rig, random):
         if empty:
             folder.mkdir(exist_ok=True)
         rig.stopping.wait(random.uniform(1, 4))
-        for file in folder.rglob("*.packstone") if folder.exists() else ():
+        for file in rig.files_below(folder):
             # Results that were written meanwhile go with the folder.
-            flips.remember_removed(rig, file)
+            if file.suffix == ".packstone":
+                flips.remember_removed(rig, file)
         shutil.rmtree(folder, ignore_errors=True)
         os.rename(away, folder)
         if rig.service.poll() is not None:

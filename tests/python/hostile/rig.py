@@ -9,6 +9,7 @@ import subprocess
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 from .ledger import ENDED, INTERNAL, LOST, NOT_READY, OTHER, Windows
 from .wire import Client
@@ -76,6 +77,12 @@ class Rig:
     def artifacts(self):
         """The folder of results and exports."""
         return (self.blobs or self.data) / "artifacts"
+
+    @staticmethod
+    def files_below(folder):
+        """The files of a folder and of those in it, while the service adds and removes some."""
+        # A folder that has gone is passed over, where `Path.glob` raises.
+        return [Path(place, name) for place, _, names in os.walk(folder) for name in names]
 
     def remove(self, client, identity):
         """Cancels and deletes a job that no honest client looks after."""
