@@ -1,10 +1,13 @@
 //! The documents against the interface: every address is in `openapi.yaml` with its method and its parameters, every
-//! command and option is known to the binary, and every link within the repository leads to a file. No line of the
-//! documents, and of the comments in the code, is longer than 120 characters.
+//! command and option is known to the binary, every option of an export in a table exists with the default that it has
+//! there, and every link within the repository leads to a file. No line of the documents, and of the comments in the
+//! code, is longer than 120 characters.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+
+use serde_json::Value;
 
 use crate::harness::{Contract, packstone};
 
@@ -234,6 +237,117 @@ async fn every_command_and_option_in_the_documents_is_known_to_the_binary() {
         );
     }
     assert_eq!(commands("A=1 packstone run x --out y | packstone plan z # packstone pie").len(), 2);
+}
+
+/// The cells of the rows of a table, for each table of a document whose first head is that.
+fn tables(text: &str, head: &str) -> Vec<Vec<Vec<String>>> {
+    let cells = |row: &str| row.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect();
+    let mut found = Vec::new();
+    let mut lines = text.lines();
+    while let Some(line) = lines.next() {
+        if line.starts_with(&format!("| {head} |")) {
+            let rows = lines.by_ref().skip(1).take_while(|row| row.starts_with('|'));
+            found.push(rows.map(cells).collect());
+        }
+    }
+    found
+}
+
+/// The names between backticks.
+fn names(cell: &str) -> Vec<&str> {
+    cell.split('`').skip(1).step_by(2).collect()
+}
+
+/// The forms of the requests for exports of a type, one or several for its formats.
+fn export_forms(kind: &str) -> Vec<&'static Value> {
+    let forms =
+        Contract::get().document()["components"]["schemas"]["ExportRequest"]["oneOf"].as_array().unwrap();
+    forms.iter().filter(|form| form["properties"]["type"]["enum"][0] == kind).collect()
+}
+
+/// The documents with tables of options of exports, and the types of the exports in the order of the tables.
+const OPTION_TABLES: [(&str, &[&str]); 3] =
+    [("docs/ldpm.md", &["ldpm"]), ("docs/meshes.md", &["mesh"]), ("docs/voxels.md", &["voxels", "slice"])];
+
+/// What is wrong with a table of the options of exports of a type.
+fn option_faults(kind: &str, rows: &[Vec<String>]) -> Vec<String> {
+    let forms = export_forms(kind);
+    let (mut faults, mut told) = (Vec::new(), BTreeSet::new());
+    for row in rows {
+        for name in names(&row[0]) {
+            told.insert(name);
+            let schemas: Vec<&Value> = forms.iter().filter_map(|form| form["properties"].get(name)).collect();
+            let defaults: Vec<String> = schemas
+                .iter()
+                .filter_map(|schema| schema.get("default"))
+                .map(|default| default.as_str().map_or_else(|| default.to_string(), str::to_owned))
+                .collect();
+            let given = row[1].replace(['`', ' '], "");
+            if schemas.is_empty() {
+                faults.push(format!("{kind} has no option {name}"));
+            } else if !defaults.is_empty() && !defaults.contains(&given) {
+                faults.push(format!("{kind}: the default of {name} is {defaults:?}, not {given:?}"));
+            }
+        }
+    }
+    for name in forms.iter().flat_map(|form| form["properties"].as_object().unwrap().keys()) {
+        if !["type", "format"].contains(&name.as_str()) && !told.contains(name.as_str()) {
+            faults.push(format!("{kind}: no row for {name}"));
+        }
+    }
+    faults
+}
+
+#[test]
+fn every_option_in_a_table_of_the_documents_exists_with_its_default() {
+    let mut faults = Vec::new();
+    for (path, text) in documents() {
+        let mut tables = tables(&text, "option");
+        // Options of commands: see the test of these.
+        tables.retain(|rows| !rows.iter().all(|row| row[0].starts_with("`--")));
+        let path = path.to_str().unwrap();
+        let kinds =
+            OPTION_TABLES.iter().find(|(known, _)| *known == path).map_or(&[][..], |(_, kinds)| kinds);
+        assert_eq!(tables.len(), kinds.len(), "{path}: name its tables of options in OPTION_TABLES");
+        for (kind, rows) in kinds.iter().zip(&tables) {
+            assert!(rows.len() > 3, "{path}: {rows:?}");
+            faults.extend(option_faults(kind, rows).into_iter().map(|fault| format!("{path}: {fault}")));
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    // What the test is for.
+    let row = |name: &str, default: &str| vec![format!("`{name}`"), default.to_owned(), String::new()];
+    let faults = option_faults("slice", &[row("form", "`svg`"), row("pixels", "1000"), row("axis", "`x`")]);
+    let known = ["no option form", "the default of axis", "no row for at_mm"];
+    assert!(
+        faults.len() == 3 && known.iter().zip(&faults).all(|(known, fault)| fault.contains(known)),
+        "{faults:?}"
+    );
+}
+
+#[test]
+fn the_table_of_exports_has_every_type_and_format() {
+    let text = fs::read_to_string(root().join("docs/models.md")).unwrap();
+    let rows = tables(&text, "`type`").concat();
+    let mut told: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut kind = String::new();
+    for row in &rows {
+        if let Some(name) = names(&row[0]).first() {
+            kind = (*name).to_owned();
+        }
+        told.entry(kind.clone()).or_default().extend(names(&row[1]).into_iter().map(str::to_owned));
+    }
+    let document = Contract::get().document();
+    let mut known: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for form in document["components"]["schemas"]["ExportRequest"]["oneOf"].as_array().unwrap() {
+        let (kind, format) =
+            (form["properties"]["type"]["enum"][0].as_str().unwrap(), &form["properties"]["format"]);
+        let name = format["anyOf"][0]["$ref"].as_str().and_then(|name| name.rsplit('/').next());
+        let values = name.map_or(&format["enum"], |name| &document["components"]["schemas"][name]["enum"]);
+        let values = values.as_array().unwrap().iter().map(|value| value.as_str().unwrap().to_owned());
+        known.entry(kind.to_owned()).or_default().extend(values);
+    }
+    assert_eq!(told, known);
 }
 
 #[test]

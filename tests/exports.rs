@@ -2,12 +2,14 @@
 //! damaged on the disk.
 
 use std::fs;
+use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 use serde_json::{Value, json};
 
 use crate::harness::deadline::eventually;
-use crate::harness::{Client, DataDir, Launch, Server, holds_every_store, id_of, jobs};
+use crate::harness::{Client, DataDir, Launch, Reply, Server, holds_every_store, id_of, jobs, machine, run};
 
 /// Seconds of work for the grains of [`packed_for_long`].
 const LENGTHY: &str = "voxels?format=raw&cells=320&samples=16";
@@ -235,4 +237,65 @@ async fn orphans_are_swept_and_models_kept() {
     assert!(file.exists());
     server.client().get(&file_of(&path)).send().await.expect(200);
     server.stop().await;
+}
+
+/// Opens a file with Gmsh and lets it fill all volumes; the number of tetrahedra.
+async fn tetrahedra(python: &Path, file: &Path) -> usize {
+    const FILL: &str = "import gmsh, sys; gmsh.initialize(); gmsh.option.setNumber('General.Terminal', 0); \
+        gmsh.open(sys.argv[1]); gmsh.model.mesh.generate(3); print(len(gmsh.model.mesh.getElementsByType(4)[0]))";
+    let mut command = Command::new(python);
+    command.args(["-c", FILL]).arg(file);
+    let ended = run(command).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    ended.stdout.trim().parse().unwrap_or_else(|_| panic!("{ended:?}"))
+}
+
+#[tokio::test]
+async fn a_mesh_comes_with_the_script_that_lets_gmsh_fill_it() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let coarse = jobs::with(jobs::quick(3), "/mix/d_min_mm", json!(8));
+    let id = id_of(&client.succeed(&jobs::with(coarse, "/name", json!("W\u{fc}rfel"))).await).to_owned();
+    let ask =
+        |export: &str| client.post(&format!("/v1/jobs/{id}/exports/{export}")).header("prefer", "wait=60");
+    let made = ask("mesh?format=msh&segments=8").send().await.expect(200).json();
+    let get = |link: &str| client.get(made["links"][link].as_str().unwrap());
+    let (mesh, script) = (get("file").send().await, get("script").send().await);
+    let name_of = |reply: &Reply| {
+        let disposition = reply.expect(200).header("content-disposition").to_owned();
+        // Whichever name a client takes, the script names it.
+        assert!(!disposition.contains("filename*"), "{disposition}");
+        disposition.split('"').nth(1).unwrap().to_owned()
+    };
+    let (mesh_name, script_name) = (name_of(&mesh), name_of(&script));
+    assert_eq!(script_name, format!("{mesh_name}.geo"));
+    let listed = client.get(&format!("/v1/jobs/{id}/exports")).send().await.expect(200).json();
+    assert_eq!(listed["items"][0]["links"]["script"], made["links"]["script"]);
+    let of_job = client.get(&format!("/v1/jobs/{id}")).send().await.expect(200).json();
+    assert_eq!(of_job["exports"][0]["links"]["script"], made["links"]["script"]);
+    // What its program opens as it is has none.
+    for kind in ["mesh?format=stl&segments=8", "mesh?format=geo", "voxels?cells=8", "slice"] {
+        let other = ask(kind).send().await.expect(200).json();
+        assert!(other["links"].get("script").is_none(), "{other:#}");
+    }
+    let none = client.get(&format!("/v1/jobs/{id}/exports/mesh/script?format=stl")).send().await;
+    none.expect_problem(404, "not-found");
+    let unknown = client.get(&format!("/v1/jobs/{id}/exports/mesh/script?format=msh&cells=8")).send().await;
+    unknown.expect_problem(400, "validation-error");
+
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join(&mesh_name), &mesh.body).unwrap();
+    fs::write(folder.path().join(&script_name), &script.body).unwrap();
+    server.stop().await;
+    let Some(python) = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty()) else {
+        return machine::skip("PACKSTONE_PYTHON", "no Python with gmsh", "The script was not run.");
+    };
+    assert_eq!(
+        tetrahedra(Path::new(&python), &folder.path().join(mesh_name)).await,
+        0,
+        "what the script is for"
+    );
+    let filled = tetrahedra(Path::new(&python), &folder.path().join(script_name)).await;
+    assert!(filled > 1000, "{filled}");
 }

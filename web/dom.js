@@ -98,14 +98,15 @@ export function byId(id) {
 const THIN = "\u202f";
 
 /**
- * A number for people: groups of three digits, `digits` significant digits (integers below a million in full).
+ * A number for people: groups of three digits, `digits` significant digits, and whole numbers with all of theirs.
  * @param {number | null | undefined} value
  * @param {number} [digits]
  */
 export function number(value, digits = 4) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "\u2013";
   const size = Math.abs(value);
-  if (size !== 0 && (size < 1e-4 || size >= 1e15)) return value.toExponential(digits - 1);
+  const isTooLong = size >= 1e15 && !Number.isSafeInteger(value);
+  if (size !== 0 && (size < 1e-4 || isTooLong)) return value.toExponential(digits - 1);
   const whole = size >= 10 ** (digits - 1);
   const words = whole ? Math.round(value).toString() : String(Number(value.toPrecision(digits)));
   const [integer = "", decimals] = words.split(".");

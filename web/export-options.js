@@ -1,46 +1,35 @@
 /** The options of exports as fields of a form: their names, units and defaults (docs/models.md). */
-import { h } from "./dom.js";
+import { h, text } from "./dom.js";
+import { faultOf, numberOf } from "./numbers.js";
 
 /**
- * @typedef {{label: string, unit?: string, value?: number, min?: number, max?: number, choices?: string[],
- *   flag?: boolean, hint?: string}} Option
- *   `value` is the server's default; `flag`: true or false
+ * @typedef {{label: string, unit?: string, value?: number, choices?: string[], flag?: boolean, hint?: string}} Option
+ *   `value` is the server's default; `flag`: true or false. The server knows the bounds.
  * @type {Record<string, Option>}
  */
 const OPTIONS = {
-  segments: { label: "Segments of a circumference", min: 6, max: 256, hint: "16 where no edge length is given" },
-  size_mm: { label: "Edge length", unit: "mm", min: 0, hint: "in place of segments" },
-  min_size_mm: { label: "Shortest edge", unit: "mm", min: 0 },
-  max_size_mm: { label: "Longest edge", unit: "mm", min: 0 },
+  segments: { label: "Segments of a circumference", hint: "16 where no edge length is given" },
+  size_mm: { label: "Edge length", unit: "mm", hint: "in place of segments" },
+  min_size_mm: { label: "Shortest edge", unit: "mm" },
+  max_size_mm: { label: "Longest edge", unit: "mm" },
   size_field: { label: "Finer where grains are close", flag: true, value: 1 },
-  max_segments: { label: "Most segments where grains are close", min: 6, max: 256 },
+  max_segments: { label: "Most segments where grains are close" },
   volume_correction: { label: "Volume of the polyhedra", choices: ["scaled", "none"] },
-  max_bytes: { label: "Longest file", unit: "bytes", min: 1, value: 500000000 },
-  cells: { label: "Voxels along the longest edge", min: 1, max: 8192, hint: "100 where no edge is given" },
-  voxel_mm: { label: "Edge of a voxel", unit: "mm", min: 0, hint: "in place of a number" },
+  max_bytes: { label: "Longest file", unit: "bytes", value: 500000000 },
+  cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given" },
+  voxel_mm: { label: "Edge of a voxel", unit: "mm", hint: "in place of a number" },
   label: { label: "Labels", choices: ["phase", "grain", "aggregate"] },
   fractions: { label: "With shares of aggregate", flag: true, value: 0 },
-  samples: { label: "Lines per edge of a voxel", min: 1, max: 16, value: 4 },
+  samples: { label: "Lines per edge of a voxel", value: 4 },
   axis: { label: "Axis", choices: ["z", "x", "y"] },
-  at_mm: { label: "Position", unit: "mm", min: 0, hint: "the middle when empty" },
-  pixels: { label: "Pixels along the longer edge", min: 16, max: 8192, hint: "for png; 1000 when empty" },
-  spacing: { label: "Spacing of boundary nodes", unit: "d_min", min: 0, max: 100, value: 1.5 },
-  fictitious_diameter: { label: "Diameter of boundary nodes", unit: "d_min", min: 0, max: 100, value: 1.1 },
+  at_mm: { label: "Position", unit: "mm", hint: "the middle when empty" },
+  pixels: { label: "Pixels along the longer edge", hint: "for png; 1000 when empty" },
+  spacing: { label: "Spacing of boundary nodes", unit: "d_min", value: 1.5 },
+  fictitious_diameter: { label: "Diameter of boundary nodes", unit: "d_min", value: 1.1 },
   boundary_nodes: { label: "Boundary nodes", choices: ["poisson_disk", "random"] },
-  seed: { label: "Seed of the boundary nodes", min: 0, value: 0 },
-  surface_radius: {
-    label: "Radius of boundary nodes",
-    unit: "d_min",
-    min: 0,
-    max: 100,
-    hint: "half the diameter when empty",
-  },
-  closer_than_mm: {
-    label: "Pairs closer than",
-    unit: "mm",
-    min: 0,
-    hint: "a tenth of the smallest diameter when empty",
-  },
+  seed: { label: "Seed of the boundary nodes", value: 0 },
+  surface_radius: { label: "Radius of boundary nodes", unit: "d_min", hint: "half the diameter when empty" },
+  closer_than_mm: { label: "Pairs closer than", unit: "mm", hint: "a tenth of the smallest diameter when empty" },
 };
 
 /** What an export is, by its type. @type {Record<string, string>} */
@@ -76,16 +65,16 @@ export const FORMATS = {
  * Fields for some options.
  * @param {string[]} names
  * @param {() => void} changed
- * @returns {{elements: HTMLElement[], values: () => Record<string, string | number | boolean>}} `values` has those that
- *   differ from the server's defaults
+ * @returns {{elements: HTMLElement[], values: () => Record<string, string | number | boolean>,
+ *   mark: (faults: {name: string, detail: string}[]) => string[]}} `values` has those that differ from the server's
+ *   defaults; `mark` shows faults at their fields, and gives back those of no field
  */
 export function fields(names, changed) {
   /** @type {[string, Option, HTMLInputElement | HTMLSelectElement][]} */
   const all = [];
   /** @type {(name: string) => HTMLElement[]} */
   const make = (name) => {
-    const option = OPTIONS[name];
-    if (!option) return [];
+    const option = OPTIONS[name] ?? { label: name.replaceAll("_", " ") };
     const id = `option-${name}`;
     const { choices, flag, unit, hint } = option;
     const field = choices
@@ -98,12 +87,9 @@ export function fields(names, changed) {
         ? h("input", { id, type: "checkbox", checked: option.value === 1 })
         : h("input", {
             id,
-            type: "number",
-            step: "any",
-            min: option.min,
-            max: option.max,
+            inputmode: "decimal",
             placeholder: option.value ?? "",
-            "aria-describedby": hint ? `${id}-hint` : null,
+            "aria-describedby": `${hint ? `${id}-hint ` : ""}${id}-fault`,
           });
     field.addEventListener("input", changed);
     all.push([name, option, field]);
@@ -115,6 +101,7 @@ export function fields(names, changed) {
         h("label", { for: id }, option.label),
         unit ? h("div", { class: "with-unit" }, field, h("span", { class: "unit" }, unit)) : field,
         hint ? h("p", { class: "hint", id: `${id}-hint` }, hint) : null,
+        h("p", { class: "fault", id: `${id}-fault` }),
       ),
     ];
   };
@@ -128,9 +115,21 @@ export function fields(names, changed) {
         if (checked !== (option.value === 1)) out[name] = checked;
       } else if (option.choices) {
         if (field.value !== option.choices[0]) out[name] = field.value;
-      } else if (field.value !== "") out[name] = Number(field.value);
+      } else if (field.value.trim() !== "") out[name] = numberOf(field.value);
     }
     return out;
   };
-  return { elements, values };
+  const mark = (/** @type {{name: string, detail: string}[]} */ faults) => {
+    const others = faults.filter(({ name }) => !all.some(([known, { flag }]) => known === name && !flag));
+    for (const [name, option, field] of all.filter(([, { flag }]) => !flag)) {
+      const own = option.choices ? "" : faultOf(field.value);
+      const words = own || faults.find((fault) => fault.name === name)?.detail;
+      const place = field.closest(".field")?.querySelector(".fault");
+      if (place) text(place, words ?? "");
+      if (words) field.setAttribute("aria-invalid", "true");
+      else field.removeAttribute("aria-invalid");
+    }
+    return others.map(({ detail }) => detail);
+  };
+  return { elements, values, mark };
 }

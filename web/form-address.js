@@ -16,6 +16,7 @@
  * Any request and study with a template can be written and read back.
  */
 import { absolute } from "./address.js";
+import { parse } from "./numbers.js";
 
 /** Objects whose `type` is written as their value. */
 const TYPED = new Set(["specimen", "mix.grading", "mix.shape", "mix.shape.ratios", "distance", "method"]);
@@ -42,7 +43,7 @@ const unescaped = (words) => decodeURIComponent(words.replaceAll("+", "%20"));
 /** @param {any} value */
 function written(value) {
   if (typeof value === "string") {
-    const plain = value !== "" && !/^["[{]/.test(value) && value === read(value);
+    const plain = value !== "" && !/^["[{]/.test(value) && value === read(value, JSON.parse);
     return plain ? value : JSON.stringify(value);
   }
   if (Array.isArray(value) && value.length > 1 && value.every(isNumber)) return value.join(",");
@@ -56,15 +57,15 @@ function written(value) {
   return JSON.stringify(value);
 }
 
-/** @param {string} words @returns {any} */
-function read(words) {
-  if (/^["[{]/.test(words)) return JSON.parse(words);
-  if (words === "true" || words === "false" || words === "null" || NUMBER.test(words)) return JSON.parse(words);
+/** @param {string} words @param {(words: string) => any} [json] @returns {any} */
+function read(words, json = parse) {
+  if (/^["[{]/.test(words)) return json(words);
+  if (words === "true" || words === "false" || words === "null" || NUMBER.test(words)) return json(words);
   const parts = words.split(",");
-  if (parts.length > 1 && parts.every((part) => NUMBER.test(part))) return parts.map(Number);
+  if (parts.length > 1 && parts.every((part) => NUMBER.test(part))) return parts.map((part) => json(part));
   const pairs = parts.map((part) => (PAIR.test(part) ? part.split(":") : []));
   if (pairs.every((pair) => pair.length === 2 && pair.every((part) => NUMBER.test(part)))) {
-    return pairs.map((pair) => pair.map(Number));
+    return pairs.map((pair) => pair.map((part) => json(part)));
   }
   return words;
 }

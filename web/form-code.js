@@ -1,6 +1,7 @@
 /** The request as JSON, which can be changed and pasted, as a command with curl, and as a script with Python. */
 import { curl, json, python } from "./code.js";
 import { copyButton, h, replace, text } from "./dom.js";
+import { parse } from "./numbers.js";
 
 export class CodePart {
   /**
@@ -49,7 +50,7 @@ export class CodePart {
     this.withKey = false;
     this.field.addEventListener("input", () => {
       try {
-        const request = JSON.parse(this.field.value);
+        const request = parse(this.field.value);
         if (typeof request !== "object" || request === null || Array.isArray(request))
           throw new Error("A request is an object.");
         if ("list" in request) throw new Error("A study with a list of jobs cannot be shown in the form.");

@@ -14,6 +14,7 @@ import { byId, h, replace, text } from "./dom.js";
 import { aggregateFields } from "./form-aggregates.js";
 import { rowsOf, sieves } from "./form-sieves.js";
 import { getAt, removeAt, setAt } from "./form-pointer.js";
+import { faultOf, numberOf } from "./numbers.js";
 
 /** @typedef {HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement} Control */
 
@@ -182,7 +183,11 @@ export class Fields {
       const { points, fault } = sieves(control.value);
       if (fault) faults.push({ pointer: path, detail: fault });
       setAt(request, path, points);
-    } else setAt(request, path, control.dataset.kind === "number" ? numberOf(words) : control.value);
+    } else if (control.dataset.kind === "number") {
+      const fault = faultOf(words);
+      if (fault) faults.push({ pointer: path, detail: fault });
+      setAt(request, path, numberOf(words));
+    } else setAt(request, path, control.value);
   }
 
   /** Leaves an object away that says no more than its absence. @param {Control} control @param {any} request */
@@ -252,16 +257,6 @@ function shownWith(control, path, type) {
       .split(",")
       .includes(type)
   );
-}
-
-/**
- * The number that was typed, with a point or a comma; else the text, for the server to refuse.
- * @param {string} words
- */
-function numberOf(words) {
-  const plain = /^[-+]?\d+,\d+$/.test(words) ? words.replace(",", ".") : words;
-  const value = Number(plain);
-  return Number.isFinite(value) ? value : words;
 }
 
 /** @param {Control} control @param {string} detail */

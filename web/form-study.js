@@ -1,5 +1,6 @@
 /** The part of the form that makes a study: values of one or two fields, and seeds. */
 import { h, replace, text } from "./dom.js";
+import { faultOf, listOf, numberOf, parse } from "./numbers.js";
 
 /** @typedef {{pointer: string, values: any}} Axis */
 
@@ -17,29 +18,35 @@ function written(values) {
 }
 
 /**
- * The values of a field: a list, or a range. Words for a method are objects with this type.
+ * The values of a field: a list, a range, or an array of JSON. Words for a method are objects with this type.
  * @param {string} words
  * @param {string} pointer
- * @returns {any}
+ * @returns {{values: any, fault: string}} `fault` is empty where the words were understood
  */
 function read(words, pointer) {
   const plain = words.trim();
-  const range = /^(\S+)\s*to\s*(\S+)\s*step\s*(\S+)$/.exec(plain);
+  const range = /^(\S+)\s+to\s+(\S+)\s+step\s+(\S+)$/.exec(plain);
   if (range) {
-    const [from, to, step] = range.slice(1).map(Number);
-    if ([from, to, step].every(Number.isFinite)) return { from, to, step };
+    const [from, to, step] = range.slice(1).map(numberOf);
+    const areNumbers = [from, to, step].every((value) => typeof value === "number");
+    return {
+      values: { from, to, step },
+      fault: areNumbers ? "" : "A range has three numbers, as 0.5 to 0.7 step 0.05.",
+    };
   }
   if (plain.startsWith("[")) {
     try {
-      return JSON.parse(plain);
-    } catch {
-      /* then it is a list of words */
+      return { values: parse(plain), fault: "" };
+    } catch (error) {
+      return { values: [], fault: /** @type {Error} */ (error).message };
     }
   }
-  return plain
-    .split(/[,;\s]+/)
-    .filter(Boolean)
-    .map((one) => (Number.isFinite(Number(one)) ? Number(one) : pointer === "/method" ? { type: one } : one));
+  const { parts, fault } = listOf(plain);
+  const values = parts.map((part) => {
+    const value = numberOf(part);
+    return typeof value === "string" && pointer === "/method" ? { type: value } : value;
+  });
+  return { values, fault: fault || (parts.map(faultOf).find(Boolean) ?? "") };
 }
 
 /** How many values there are. @param {any} values */
@@ -57,6 +64,7 @@ export class StudyPart {
    * @param {() => {pointer: string, label: string}[]} choices the fields that can be varied
    */
   constructor(place, choices) {
+    this.place = place;
     this.choices = choices;
     /** @type {any} Members of the study that this part does not know. */
     this.base = {};
@@ -102,7 +110,7 @@ export class StudyPart {
         h(
           "p",
           { class: "hint", id: `values-${index}-hint` },
-          index ? "" : "A list, as 0.5, 0.6, 0.7, or a range, as 0.5 to 0.7 step 0.05.",
+          index ? "" : "A list, as 0.5, 0.6 or 0,5; 0,6, or a range, as 0.5 to 0.7 step 0.05.",
         ),
         h("p", { class: "fault", id: `values-${index}-fault` }),
       ),
@@ -149,7 +157,7 @@ export class StudyPart {
     const replicates = Number.isInteger(Number(words)) && words ? Number(words) : words || null;
     const axes = this.axes
       .filter(({ select }) => select.value)
-      .map(({ select, values }) => [select.value, read(values.value, select.value)]);
+      .map(({ select, values }) => [select.value, read(values.value, select.value).values]);
     const grid = { ...Object.fromEntries(axes), ...this.base.grid };
     const points = Object.values(grid).reduce((product, values) => product * count(values), 1);
     const jobs = points * Number(replicates);
@@ -180,7 +188,7 @@ export class StudyPart {
     const words = this.axes
       .filter(({ select }) => select.value)
       .map(({ select, values }) => {
-        const given = read(values.value, select.value);
+        const { values: given } = read(values.value, select.value);
         const value = Array.isArray(given) ? given[0] : given.from;
         if (value !== undefined) set(point, select.value, value);
         return `${select.selectedOptions[0]?.textContent} ${typeof value === "object" ? JSON.stringify(value) : value}`;
@@ -193,24 +201,31 @@ export class StudyPart {
    * @returns {{pointer: string, detail: string}[]}
    */
   faults() {
-    const faults = this.axes
-      .filter(({ select, values }) => select.value && !count(read(values.value, select.value)))
-      .map(({ select }) => ({ pointer: gridPointer(select.value), detail: "Values are needed: a list, or a range." }));
-    const whole = /^[1-9]\d*$/.test(this.seeds.value.trim());
-    if (!whole) faults.push({ pointer: "/replicates", detail: "A whole number from 1 on is needed." });
+    /** @type {{pointer: string, detail: string}[]} */
+    const faults = [];
+    for (const { select, values } of this.axes.filter((axis) => axis.select.value)) {
+      const { values: given, fault } = read(values.value, select.value);
+      const detail = fault || (count(given) ? "" : "Values are needed: a list, or a range.");
+      if (detail) faults.push({ pointer: gridPointer(select.value), detail });
+    }
+    const seeds = this.seeds.value.trim();
+    const detail = /^[1-9]\d*$/.test(seeds) ? faultOf(seeds) : "A whole number from 1 on is needed.";
+    if (detail) faults.push({ pointer: "/replicates", detail });
     return faults;
   }
 
   /**
-   * Shows faults of the study's own fields; gives back the others.
+   * Shows faults of the study's own fields; gives back the others. What a varied field is refused for belongs to the
+   * values that it is given here.
    * @param {{pointer?: string, detail: string}[]} faults
    */
   mark(faults) {
     /** @type {Record<string, string>} */
     const found = {};
     const others = faults.filter(({ pointer = "", detail }) => {
+      const isAt = (/** @type {string} */ place) => `${pointer}/`.startsWith(`${place}/`);
       const axis = this.axes.findIndex(
-        ({ select }) => select.value && `${pointer}/`.startsWith(`${gridPointer(select.value)}/`),
+        ({ select: { value } }) => value && (isAt(gridPointer(value)) || isAt(value)) && !this.place.hidden,
       );
       const id = axis >= 0 ? `values-${axis}` : pointer === "/replicates" ? "seeds" : "";
       if (id) found[id] ??= detail;

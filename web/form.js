@@ -5,7 +5,7 @@
  */
 import { absolute } from "./address.js";
 import { get, Problem, request as ask, send } from "./api.js";
-import { byId, duration, h, percent, replace, text } from "./dom.js";
+import { byId, duration, h, number, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
 import { CodePart } from "./form-code.js";
 import { curve, pointsOf } from "./form-curve.js";
@@ -118,15 +118,19 @@ async function plan() {
   if (location.hash || JSON.stringify(request) !== JSON.stringify(START))
     history.replaceState(null, "", address(request));
   if (faults.length) return fail(faults);
-  const first = runs() === "study" ? study.first(job, setAt) : { point: job, note: "" };
+  const planned = runs() === "study" ? study.first(job, setAt) : { point: job, note: "" };
   const here = (asking = new AbortController());
   try {
-    const document = await send("POST", "/v1/plans", first.point, { signal: here.signal });
+    const document = await send("POST", "/v1/plans", planned.point, { signal: here.signal });
     if (here !== asking) return;
     fields.mark([]);
     study.mark([]);
-    const chart = curve(pointsOf(job.mix, curves), job.mix?.d_min_mm ?? null, curves);
-    showPlan(answer, document, { request: job, note: first.note, chart, use });
+    // What the server decides is drawn as the server has it.
+    const finest = document.classes[0]?.d_min_mm ?? null;
+    const chart = curve(pointsOf(planned.point.mix, curves), finest, curves);
+    replace(byId("drawing"), drawing(planned.point.specimen, document.classes.at(-1)?.d_max_mm ?? null));
+    byId("d_min").setAttribute("placeholder", job.mix?.aggregates || finest === null ? "" : number(finest));
+    showPlan(answer, document, { request: job, note: planned.note, chart, use });
     replace(
       byId("forecast"),
       h("strong", {}, `${grains(document.grains)} grains`),
@@ -153,7 +157,8 @@ function fail(faults) {
   const inTemplate = faults.map((fault) => ({ ...fault, pointer: fault.pointer?.replace(/^\/template(?=\/)/, "") }));
   const others = fields.mark(study.mark(inTemplate));
   showFaults(answer, others, faults.length - others.length);
-  text(byId("forecast"), faults.length === 1 ? "One fault" : `${faults.length} faults`);
+  const words = faults.length === 1 ? "One fault" : `${faults.length} faults`;
+  replace(byId("forecast"), h("button", { type: "button", class: "quiet", onclick: first }, words));
   panel.removeAttribute("aria-busy");
 }
 
@@ -213,10 +218,11 @@ async function run() {
   }
 }
 
-/** Goes to the first field with a fault. */
+/** Goes to the first field with a fault, which says what is wrong. */
 function first() {
   const field = /** @type {HTMLElement | null} */ (form.querySelector("[aria-invalid=true]"));
-  if (field) field.focus();
+  field?.focus({ preventScroll: true });
+  if (field) field.scrollIntoView({ block: "center" });
   else answer.scrollIntoView({ block: "nearest" });
 }
 

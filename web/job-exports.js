@@ -58,7 +58,8 @@ export class ExportPart {
     this.fault = h("p", { class: "fault", role: "alert" });
     this.list = h("div", {});
     this.shapes = Boolean(report.shapes);
-    this.values = () => /** @type {Record<string, any>} */ ({});
+    this.made = fields([], () => {});
+    this.details = h("details", {}, h("summary", {}, "Options"), this.options);
     const form = h(
       "form",
       {
@@ -75,7 +76,7 @@ export class ExportPart {
         h("button", { type: "submit" }, "Make the file"),
       ),
       this.estimate,
-      h("details", {}, h("summary", {}, "Options"), this.options),
+      this.details,
       this.fault,
     );
     this.element = h(
@@ -127,12 +128,9 @@ export class ExportPart {
   #options() {
     const { type, format } = this.#chosen();
     const names = this.kinds?.find((k) => k.type === type && k.format === format)?.options ?? [];
-    const made = fields(names, () => this.#estimate());
-    this.values = made.values;
-    replace(
-      this.options,
-      made.elements.length ? made.elements : h("p", { class: "hint" }, "This file has no options."),
-    );
+    this.made = fields(names, () => this.#estimate());
+    const { elements } = this.made;
+    replace(this.options, elements.length ? elements : h("p", { class: "hint" }, "This file has no options."));
     this.#estimate();
   }
 
@@ -140,7 +138,7 @@ export class ExportPart {
   #estimate() {
     clearTimeout(this.timer);
     this.timer = setTimeout(async () => {
-      const wanted = { ...this.#chosen(), ...this.values() };
+      const wanted = { ...this.#chosen(), ...this.made.values() };
       this.asking?.abort();
       this.asking = new AbortController();
       const { signal } = this.asking;
@@ -152,7 +150,7 @@ export class ExportPart {
           this.estimate,
           [`About ${bytes(estimate.bytes)}${mesh}`, ...(estimate.warnings ?? [])].map((words) => h("p", {}, words)),
         );
-        text(this.fault, "");
+        this.#fail();
       } catch (error) {
         if (signal.aborted) return;
         replace(this.estimate);
@@ -161,19 +159,28 @@ export class ExportPart {
     }, 200);
   }
 
-  /** @param {unknown} error */
-  #fail(error) {
-    const { errors = [], message } = /** @type {any} */ (error);
-    text(this.fault, errors.length ? errors.map((/** @type {any} */ f) => f.detail).join("; ") : message);
+  /** Shows each fault at its field, and the others below; none takes them away. @param {any} [error] */
+  #fail({ errors = [], message = "" } = {}) {
+    const faults = errors.map((/** @type {import("./api.js").Fault} */ { pointer, parameter, detail }) => ({
+      name: parameter ?? /^\/postprocess\/0\/(\w+)/.exec(pointer ?? "")?.[1] ?? "",
+      detail,
+    }));
+    const others = this.made.mark(faults);
+    const atField = this.options.querySelector("[aria-invalid=true]");
+    if (atField) this.details.open = true;
+    text(this.fault, errors.length || atField ? others.join("; ") : message);
   }
 
   async #start() {
     const { type, format } = this.#chosen();
     const query = new URLSearchParams({
       format,
-      ...Object.fromEntries(Object.entries(this.values()).map(([k, v]) => [k, String(v)])),
+      ...Object.fromEntries(Object.entries(this.made.values()).map(([k, v]) => [k, String(v)])),
     });
-    text(this.fault, "");
+    this.#fail();
+    /** @type {HTMLElement | null} */
+    const wrong = this.options.querySelector("[aria-invalid=true]");
+    if (wrong) return wrong.focus();
     try {
       await send("POST", `${this.job.links.exports}/${type}?${query}`);
       announce("The export is being made");
@@ -254,6 +261,12 @@ export class ExportPart {
         h("strong", {}, `${TYPES[type] ?? type}: ${FORMATS[format] ?? format}`),
         h("div", { class: "hint" }, given.join(", ")),
         item.error ? h("div", { class: "fault" }, item.error.detail) : null,
+        item.links.script &&
+          h(
+            "div",
+            { class: "hint" },
+            "Save the script beside the mesh: gmsh -3 NAME.msh.geo fills it with tetrahedra.",
+          ),
         (item.report?.warnings ?? []).map((/** @type {string} */ w) => h("div", { class: "hint" }, w)),
       ),
       h("td", {}, badge(item.state), share),
@@ -265,12 +278,21 @@ export class ExportPart {
           "div",
           { class: "actions" },
           item.state === "succeeded"
-            ? h(
-                "a",
-                { class: "button", href: absolute(item.links.file), download: "", "data-of": `get ${item.links.self}` },
-                "Download",
-              )
-            : null,
+            ? [
+                h(
+                  "a",
+                  {
+                    class: "button",
+                    href: absolute(item.links.file),
+                    download: "",
+                    "data-of": `get ${item.links.self}`,
+                  },
+                  "Download",
+                ),
+                item.links.script &&
+                  h("a", { class: "button", href: absolute(item.links.script), download: "" }, "Script for Gmsh"),
+              ]
+            : [],
           h(
             "button",
             { type: "button", class: "quiet", onclick: remove, "data-of": `delete ${item.links.self}` },

@@ -39,6 +39,12 @@ export function leadOf(job) {
   return parts.flatMap((part, i) => (i ? [" · ", ...part] : part));
 }
 
+/**
+ * By which size the grains of a request are divided into classes.
+ * @param {any} request
+ */
+export const sizeOf = (request) => (request.mix.size === "equivalent" ? "diameter of equal volume" : "sieve size");
+
 /** @param {[string, Node | string][]} facts @param {string} kind */
 const list = (facts, kind) =>
   h(
@@ -71,11 +77,14 @@ export function facts(job, request, report) {
     ["Smallest gap to a wall", gap(check.min_wall_gap_mm)],
     ["Largest error of a size class", percent(check.max_class_mass_error, 2)],
     ["Volume fraction of all aggregate", percent(summary.volume_fraction_mixture, 1)],
-    ["Seed", number(job.seed, 16)],
+    ["Seed", String(job.seed)],
     ["Version of the engine", report.engine.version],
   ];
   if (shapes) {
+    const placed = summary.classes.filter((/** @type {any} */ one) => one.grains > 0);
+    const sizes = [placed[0]?.d_min_mm, placed.at(-1)?.d_max_mm].map((mm) => number(mm));
     more.push(
+      [`Size classes, by ${sizeOf(request)}`, `${sizes[0]} to ${sizes[1]}\u202fmm`],
       ["Flakiness index", percent(shapes.flakiness_index, 1)],
       ["Mean sphericity", number(shapes.sphericity_mean, 3)],
     );
@@ -89,7 +98,10 @@ export function facts(job, request, report) {
         ["Grains", number(summary.grains)],
         ["Volume fraction of the grains", percent(summary.volume_fraction_effective, 2)],
         ["Distance kept", summary.distance_mm > 0 ? quantity(summary.distance_mm, "mm", 3) : "none"],
-        ["Grain diameters", `${number(summary.d_min_mm, 3)} to ${quantity(summary.d_max_mm, "mm", 3)}`],
+        [
+          shapes ? "Diameters of the spheres of equal volume" : "Grain diameters",
+          `${number(summary.d_min_mm, 3)} to ${quantity(summary.d_max_mm, "mm", 3)}`,
+        ],
         ["Packing time", duration(timings.total)],
       ],
       "facts large",

@@ -45,13 +45,14 @@ export function legend(summary, colour, { dmin, dmax }, what) {
 /**
  * Grains and volumes of the size classes as a table.
  * @param {any} summary of the result
+ * @param {string} by what size the classes are divided by
  */
-export function classTable({ classes: rows, specimen_volume_mm3: volume }) {
+export function classTable({ classes: rows, specimen_volume_mm3: volume }, by) {
   const steps = classes(rows.length);
   return h(
     "details",
     {},
-    h("summary", {}, "Size classes as a table"),
+    h("summary", {}, `Size classes by ${by} as a table`),
     h(
       "div",
       { class: "table" },

@@ -1,5 +1,6 @@
 /** The packing in three dimensions: the canvas, its controls, its legend, and what it shows in words and as a table. */
 import { h, number, quantity, replace, text } from "./dom.js";
+import { sizeOf } from "./job-facts.js";
 import { classTable, legend } from "./job-legend.js";
 import { picturePart } from "./job-picture.js";
 import { Viewer } from "./viewer/viewer.js";
@@ -22,11 +23,13 @@ export class ViewPart {
   /**
    * @param {Source} source
    * @param {any} report the result without its grains
+   * @param {any} request
    */
-  constructor(source, report) {
+  constructor(source, report, request) {
     this.source = source;
     this.summary = report.summary;
     this.spheres = !report.shapes;
+    const classesBy = this.spheres ? "diameter" : sizeOf(request);
     this.aggregates = report.summary.aggregates ?? [];
     /** How the legend's grains are coloured. @type {string | undefined} */
     this.legendOf = undefined;
@@ -60,7 +63,13 @@ export class ViewPart {
         h("kbd", {}, "Home"),
         " starts again. On a touch screen one finger turns, two magnify and move.",
       ),
-      classTable(this.summary),
+      !this.spheres &&
+        h(
+          "p",
+          { class: "hint" },
+          `Sizes in the picture are diameters of the enclosing spheres; size classes are by ${classesBy}.`,
+        ),
+      classTable(this.summary, classesBy),
     );
     this.element = h(
       "section",
@@ -212,7 +221,7 @@ export class ViewPart {
       h(
         "fieldset",
         {},
-        h("legend", {}, this.spheres ? "Diameters shown" : "Sizes shown"),
+        h("legend", {}, this.spheres ? "Diameters shown" : "Enclosing spheres shown"),
         this.sizes.map((c) => c.row),
       ),
       h("div", {}, h("p", { class: "label" }, "Colour by"), colour),
@@ -245,7 +254,7 @@ export class ViewPart {
       this.legendOf = viewer.colour;
       replace(
         this.legend,
-        legend(this.summary, viewer.colour, viewer.head, this.spheres ? "diameter" : "longest extent"),
+        legend(this.summary, viewer.colour, viewer.head, this.spheres ? "diameter" : "enclosing sphere"),
       );
       for (const cell of this.shown.querySelectorAll(".swatch"))
         cell.toggleAttribute("hidden", viewer.colour !== "class");
@@ -257,7 +266,7 @@ export class ViewPart {
       this.words,
       `${end - from === count ? `All ${number(count)}` : `${number(end - from)} of ${number(count)}`} grains` +
         ` of ${mm(Math.max(dmin, viewer.show[0] ?? 0))} to ${mm(Math.min(dmax, viewer.show[1] ?? 0))}` +
-        `${this.spheres ? "" : " (longest extent)"}, ${kept.length ? `cut: ${kept.join(", ")} is shown` : "not cut"}` +
+        `${this.spheres ? "" : " (enclosing spheres)"}, ${kept.length ? `cut: ${kept.join(", ")} is shown` : "not cut"}` +
         `, seen from ${degrees(((viewer.pose.az % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI))} about z` +
         ` and ${degrees(viewer.pose.el)} above, magnified ${number(viewer.pose.zoom, 2)} times.`,
     );

@@ -136,7 +136,7 @@ async function result(key) {
     const answer = await ask("GET", `${job.links.result}?format=view`);
     return /** @type {ReadableStream<Uint8Array>} */ (answer.body);
   };
-  const view = new ViewPart({ name: job.id.slice(-8), open }, found);
+  const view = new ViewPart({ name: job.id.slice(-8), open }, found, request);
   const exports = new ExportPart(job, request, found);
   const parts = [
     facts(job, request, found),

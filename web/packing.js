@@ -23,7 +23,7 @@ const name = request.name ?? `Packing of seed ${request.seed}`;
 document.title = `${name} - Packstone`;
 replace(byId("title"), h("bdi", {}, name));
 const words = h("pre", { tabindex: "0", "aria-label": "Request as JSON" }, `${json(request)}\n`);
-const view = new ViewPart({ name: String(request.seed), open, limit: grains }, result);
+const view = new ViewPart({ name: String(request.seed), open, limit: grains }, result, request);
 const warnings = result.warnings.map((/** @type {string} */ warning) =>
   h("div", { class: "notice", "data-kind": "warning" }, h("p", {}, warning)),
 );

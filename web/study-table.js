@@ -23,13 +23,18 @@ const FIGURES = [
   ["waiting", "Waiting", (value) => number(value, 1)],
 ];
 
-/** A value of a varied field: of an object its type and its other members. @param {any} value @returns {string} */
-function words(value) {
-  if (typeof value === "number") return number(value, 6);
+/**
+ * A value of a varied field: of an object its type and its other members. Seeds are names rather than amounts.
+ * @param {any} value
+ * @param {string} [name] of the field
+ * @returns {string}
+ */
+function words(value, name = "") {
+  if (typeof value === "number") return name.endsWith("seed") ? String(value) : number(value, 6);
   if (typeof value !== "object" || value === null) return String(value);
   if (Array.isArray(value)) return JSON.stringify(value);
   const { type, ...others } = value;
-  const members = Object.entries(others).map(([name, member]) => `${columnName(name)} ${words(member)}`);
+  const members = Object.entries(others).map(([name, member]) => `${columnName(name)} ${words(member, name)}`);
   return [type, ...members].filter(Boolean).join(", ");
 }
 
@@ -65,7 +70,7 @@ export class StudyTable {
       ...table.columns.map((/** @type {string} */ key) => ({
         key,
         name: columnName(key).replace(/^./, (first) => first.toUpperCase()),
-        show: (/** @type {any} */ row) => words(row[key]),
+        show: (/** @type {any} */ row) => words(row[key], key),
         value: (/** @type {any} */ row) => row[key],
       })),
       ...FIGURES.filter(([key]) => has(key) && (key !== "waiting" || !finished)).map(([key, name, show]) => ({

@@ -87,16 +87,12 @@ function show(study) {
     fact("Submitted", when(study.created_at)),
     fact("Ended", when(study.finished_at)),
   );
-  /** @type {Map<string, number[]>} */
-  const points = new Map();
-  for (const { point, warnings } of study.warnings) {
-    for (const words of warnings) points.set(words, [...(points.get(words) ?? []), point]);
-  }
-  const whose = (/** @type {number[]} */ of) =>
-    of.length === study.points ? "All points" : of.length === 1 ? `Point ${of[0]}` : `${of.length} points`;
-  const lines = [...points].slice(0, 50).map(([words, of]) => h("p", {}, `${whose(of)}: ${words}.`));
+  const warnings = /** @type {{detail: string, points: number, point: number}[]} */ (study.warnings);
+  const whose = (/** @type {{points: number, point: number}} */ { points, point }) =>
+    points === study.points ? "All points" : points === 1 ? `Point ${point}` : `${number(points, 1)} points`;
+  const lines = warnings.slice(0, 50).map((one) => h("p", {}, `${whose(one)}: ${one.detail}.`));
   const shown =
-    lines.length < 4 ? h("div", {}, lines) : h("details", {}, h("summary", {}, `${points.size} warnings`), lines);
+    lines.length < 4 ? h("div", {}, lines) : h("details", {}, h("summary", {}, `${warnings.length} warnings`), lines);
   if (lines.length !== warned) replace(byId("warnings"), h("div", { class: "notice", "data-kind": "warning" }, shown));
   warned = lines.length;
 }

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
+from . import _native
+from ._requests import encoded
 from ._transport import Params, Transport
 
 
@@ -43,6 +46,14 @@ def save(
     with replacing(path) as part, part.open("xb") as sink:
         transport.download(address, sink, params=params, timeout=timeout)
     return Path(path)
+
+
+def write_companion(path: Path, type: str, options: Mapping[str, Any]) -> None:
+    """Writes the script that opens an export beside it, where its program needs one."""
+    companion = _native.companion(type, encoded(options), path.name)
+    if companion is not None:
+        ending, text = companion
+        write(path.with_name(f"{path.name}.{ending}"), text.encode())
 
 
 def write(path: str | PathLike[str], content: bytes) -> Path:

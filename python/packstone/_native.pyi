@@ -39,6 +39,9 @@ def run_of_study(
 ) -> tuple[str, Packing | None]:
     """Packs a run of a study: its record (outcome, facts, curve, error) as JSON, and the packing if there is one."""
 
+def companion(type: str, options: str, file_name: str) -> tuple[str, str] | None:
+    """The file that belongs beside an export of that name, if one does: what its name adds, and its text."""
+
 @final
 class Packing:
     """A packing in memory."""
@@ -52,6 +55,9 @@ class Packing:
 
     def summary(self) -> str:
         """The result without its grains, with its request."""
+
+    def columns(self) -> list[str]:
+        """The names of the columns of the grains."""
 
     def grains(self) -> NDArray[np.float64]:
         """The grains as a new array."""

@@ -35,6 +35,12 @@ class Remote:
         """The request of the job."""
         return document(self._transport.request("GET", f"{self._job_path}/request"))
 
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of the grains: the first line of the format ``csv``."""
+        headers = {"accept": "text/csv", "range": "bytes=0-1023"}
+        answer = self._transport.request("GET", f"{self._job_path}/result", params={"format": "csv"}, headers=headers)
+        return tuple(answer.text.splitlines()[0].split(","))
+
     def grains(self) -> NDArray[np.float64]:
         """The grains, of the format ``npy``."""
         import numpy as np
@@ -48,7 +54,10 @@ class Remote:
         return self._download(*self._address(file), timeout)
 
     def save(self, file: File, path: Path, timeout: float | None) -> None:
-        """Downloads a file to a path."""
+        """Downloads a file to a path; what is doubtful about an export is issued as a warning."""
+        if file.type is not None:
+            self.export(file.type, {"format": file.format, **file.options}, path, timeout)
+            return
         address, params = self._address(file)
         _files.save(self._transport, address, path, params, timeout)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,13 +34,17 @@ def spheres(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
     return surfaces
 
 
-def ellipsoids(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
-    """The surfaces of ellipsoids as images of a sphere of diameter 1."""
+def ellipsoids(grains: NDArray[np.float64], columns: Sequence[str], resolution: int) -> pyvista.PolyData:
+    """The surfaces of ellipsoids as images of a sphere of diameter 1; `columns` are the names of those of the grains."""
     import pyvista
 
+    def of(*names: str) -> NDArray[np.float64]:
+        return grains[:, [columns.index(name) for name in names]]
+
     sphere = _sphere(resolution)
-    center, axes = grains[:, :3], 2 * grains[:, 9:12]
-    w, x, y, z = (grains[:, 5:9] / np.linalg.norm(grains[:, 5:9], axis=1, keepdims=True)).T
+    center, axes = of("x_mm", "y_mm", "z_mm"), 2 * of("a_mm", "b_mm", "c_mm")
+    turned = of("qw", "qx", "qy", "qz")
+    w, x, y, z = (turned / np.linalg.norm(turned, axis=1, keepdims=True)).T
     rotation = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

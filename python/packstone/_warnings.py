@@ -23,6 +23,15 @@ def texts(document: Mapping[str, Any]) -> list[str]:
     return [str(item.get("detail", item)) if isinstance(item, Mapping) else str(item) for item in found]
 
 
+def text_of_points(detail: str, points: int, point: int, count: int) -> str:
+    """Returns a warning about `points` of the `count` points of a study, of which `point` is the first."""
+    if count == 1:
+        return detail
+    if points == 1:
+        return f"{detail} (point {point})"
+    return f"{detail} ({'all ' if points == count else f'{points} of '}{count} points)"
+
+
 def warn(messages: Iterable[str]) -> None:
     """Issues each message as a :class:`PackstoneWarning` of the first caller outside of this package."""
     collected = _collected.get()

@@ -238,6 +238,10 @@ class AsyncPacking:
         """See :attr:`Packing.request`."""
         return await self._threads.call(lambda: self.sync.request)
 
+    async def columns(self) -> tuple[str, ...]:
+        """See :attr:`Packing.columns`."""
+        return await self._threads.call(lambda: self.sync.columns)
+
     async def grains(self) -> NDArray[np.float64]:
         """See :attr:`Packing.grains`."""
         return await self._threads.call(lambda: self.sync.grains)

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
-from . import _files, _html
+from . import _files, _html, _warnings
 from ._resource import Changing
 from .errors import error_of
 
@@ -80,6 +80,11 @@ class Export(Changing):
         return dict(self.data["report"] or {})
 
     @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the file, one sentence each; empty until it is made."""
+        return _warnings.texts(self.report)
+
+    @property
     def error(self) -> dict[str, Any] | None:
         """The problem document if the file could not be made."""
         error = self.data["error"]
@@ -88,10 +93,13 @@ class Export(Changing):
     def save(self, path: str | PathLike[str], timeout: float | None = None) -> Path:
         """Writes the file when it is made, and returns the path.
 
-        Missing folders are created, and a file of the same name is replaced. Raises :class:`PackstoneError` if
-        the file could not be made, and :class:`WaitTimeout` after `timeout` in s.
+        Missing folders are created, and a file of the same name is replaced. Beside a mesh for Gmsh its script is
+        written, as :meth:`Packing.save` does. Raises :class:`PackstoneError` if the file could not be made, and
+        :class:`WaitTimeout` after `timeout` in s.
         """
-        return _files.save(self._transport, self._file(timeout), path)
+        saved = _files.save(self._transport, self._file(timeout), path)
+        _files.write_companion(saved, self.type, self.options)
+        return saved
 
     def read(self, timeout: float | None = None) -> bytes:
         """Returns the content of the file when it is made."""

@@ -109,6 +109,10 @@ class Local:
         """The request with the defaults filled in."""
         return dict(json.loads(self._made.summary())["request"])
 
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of the grains."""
+        return tuple(self._made.columns())
+
     def grains(self) -> NDArray[np.float64]:
         """The grains as an array."""
         return self._made.grains()
@@ -139,6 +143,7 @@ class Local:
         path.parent.mkdir(parents=True, exist_ok=True)
         with refusals():
             report: dict[str, Any] = json.loads(self._made.export(type, encoded(options), path))
+        _warnings.warn(_warnings.texts(report))
         return report
 
     def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:

@@ -113,8 +113,12 @@ class LocalStudy:
 
     @property
     def warnings(self) -> list[str]:
-        """What is doubtful about the points, one sentence each."""
-        return [*dict.fromkeys(text for point in self._points for text in point["warnings"])]
+        """What is doubtful about the points, each text once, with the number of points that it is about."""
+        about: dict[str, list[int]] = {}
+        for index, point in enumerate(self._points):
+            for detail in point["warnings"]:
+                about.setdefault(detail, []).append(index)
+        return [_warnings.text_of_points(detail, len(of), of[0], self.points) for detail, of in about.items()]
 
     def table(self) -> list[dict[str, Any]]:
         """Returns one row per point: its values, runs, success rate with its 95 % interval, times, medians."""

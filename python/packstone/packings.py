@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
-from . import _html
+from . import _files, _html
 from .errors import PackstoneError
 from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX, ExportFormat, ExportType
 from .svg import Svg
@@ -44,10 +44,6 @@ POLYHEDRON_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "template")
 MIXED_COLUMNS = (*ELLIPSOID_COLUMNS, "template")
 """Columns of ellipsoids and polyhedra in one packing: polyhedra have the semi-axes 0, ellipsoids the template -1."""
 
-_COLUMNS_OF_WIDTH = {
-    len(names): names for names in (COLUMNS, ELLIPSOID_COLUMNS, POLYHEDRON_COLUMNS, MIXED_COLUMNS)
-}
-
 
 class File(NamedTuple):
     """A file of a packing: its grains in a format, or an export with its options."""
@@ -72,6 +68,10 @@ class Source(Protocol):
 
     def request(self) -> dict[str, Any]:
         """The request with the defaults filled in."""
+        ...
+
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of the grains."""
         ...
 
     def grains(self) -> NDArray[np.float64]:
@@ -127,6 +127,11 @@ class Packing:
         return self._source.request()
 
     @cached_property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the columns of :attr:`grains`."""
+        return self._source.columns()
+
+    @cached_property
     def grains(self) -> NDArray[np.float64]:
         """The grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
 
@@ -156,9 +161,7 @@ class Packing:
         """Returns the grains as a table with the columns of :attr:`grains`: x_mm, y_mm, z_mm, d_mm. Needs pandas."""
         import pandas as pd
 
-        aggregate = ("aggregate",) if self.summary.get("aggregates") else ()
-        names = _COLUMNS_OF_WIDTH[self.grains.shape[1] - len(aggregate)]
-        return pd.DataFrame(self.grains, columns=[*names, *aggregate], copy=True)
+        return pd.DataFrame(self.grains, columns=list(self.columns), copy=True)
 
     def templates(self) -> list[dict[str, Any]]:
         """Returns the templates that the column ``template`` of polyhedra counts from 0; an empty list of other grains.
@@ -178,10 +181,10 @@ class Packing:
 
         if not spheres:
             return _surfaces.points(self.grains)
-        if self.grains.shape[1] in (len(POLYHEDRON_COLUMNS), len(MIXED_COLUMNS)):
+        if "template" in self.columns:
             return _surfaces.polyhedra(self.read("vtp"))
-        if self.grains.shape[1] == len(ELLIPSOID_COLUMNS):
-            return _surfaces.ellipsoids(self.grains, resolution)
+        if "a_mm" in self.columns:
+            return _surfaces.ellipsoids(self.grains, self.columns, resolution)
         return _surfaces.spheres(self.grains, resolution)
 
     def to_meshio(self) -> meshio.Mesh:
@@ -216,10 +219,14 @@ class Packing:
         ``vtk`` or ``view``; ``html``, a page with a viewer; or an export, as ``msh``, ``vti``, ``raw``, ``inp``,
         ``svg`` or ``png``. Exports have options, as ``save("a.msh", segments=24)``. A server makes them when they
         are first needed, and this waits for it, at most `timeout` in s. Missing folders are created, and a file of
-        the same name is replaced.
+        the same name is replaced. Beside a mesh ``a.msh`` the script ``a.msh.geo`` is written, which Gmsh opens to fill
+        it: ``gmsh -3 a.msh.geo -o model.msh``.
         """
-        self._source.save(_file(format or Path(path).suffix.removeprefix(".").lower(), options), Path(path), timeout)
-        return Path(path)
+        file, path = _file(format or Path(path).suffix.removeprefix(".").lower(), options), Path(path)
+        self._source.save(file, path, timeout)
+        if file.type is not None:
+            _files.write_companion(path, file.type, {"format": file.format, **options})
+        return path
 
     def export(
         self,
@@ -233,11 +240,14 @@ class Packing:
         """Writes an export of any type and format to a file, and returns its figures, such as a number of triangles.
 
         The types are ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes`` and ``quality``.
-        The format is the first of the type's formats if it is not named, whatever the suffix. A server does not keep the file:
-        :meth:`Job.export` does. `timeout` limits the wait for a server, in s.
+        The format is the first of the type's formats if it is not named, whatever the suffix. Beside a mesh for Gmsh its
+        script is written, as :meth:`save` does. A server does not keep the file: :meth:`Job.export` does. `timeout`
+        limits the wait for a server, in s.
         """
         given = options if format is None else {"format": format, **options}
-        return self._source.export(type, given, Path(path), timeout)
+        report = self._source.export(type, given, Path(path), timeout)
+        _files.write_companion(Path(path), type, given)
+        return report
 
     def quality(self, *, timeout: float | None = None) -> dict[str, Any]:
         """Measures whether the packing is random: gaps, contacts, bond order, walls and blocks, by size.

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _html, _tables
+from . import _html, _tables, _warnings
 from ._columns import Labels
 from ._listing import pages
 from ._progress import Progress
@@ -68,6 +68,14 @@ class Study(Resource):
     def points(self) -> int:
         """The number of points, that is of combinations of values."""
         return int(self.data["points"])
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful about the points, each text once, with the number of points that it is about."""
+        return [
+            _warnings.text_of_points(found["detail"], found["points"], found["point"], self.points)
+            for found in self.data.get("warnings") or []
+        ]
 
     @property
     def columns(self) -> list[str]:

@@ -49,6 +49,11 @@ impl Packing {
         self.packed.report().map_err(raised)
     }
 
+    /// Returns the names of the columns of the grains.
+    fn columns(&self) -> Vec<&'static str> {
+        self.packed.column_names()
+    }
+
     /// Returns the grains: one row a grain, in column-major order.
     fn grains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let (values, columns) = py.detach(|| self.packed.columns()).map_err(raised)?;
@@ -111,6 +116,12 @@ fn pack(
 #[pyo3(signature = (request, max_grains=None))]
 fn plan(py: Python<'_>, request: &str, max_grains: Option<u64>) -> PyResult<String> {
     py.detach(|| Job::read(request, max_grains, None)?.plan()).map_err(raised)
+}
+
+/// Returns what belongs beside the file of an export, as the script of a mesh: what its name adds, and its text.
+#[pyfunction]
+fn companion(r#type: &str, options: &str, file_name: &str) -> PyResult<Option<(&'static str, String)>> {
+    local::companion(r#type, options, file_name).map_err(raised)
 }
 
 /// A study whose runs Python executes.
@@ -247,6 +258,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Packing>()?;
     module.add_function(wrap_pyfunction!(pack, module)?)?;
     module.add_function(wrap_pyfunction!(plan, module)?)?;
+    module.add_function(wrap_pyfunction!(companion, module)?)?;
     module.add_class::<Study>()?;
     module.add_function(wrap_pyfunction!(run_of_study, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)

@@ -51,6 +51,27 @@ def test_a_result_is_saved_as_an_export(job: packstone.Job, tmp_path: Path) -> N
     assert mesh.cells_dict["triangle"].shape[1] == 3
 
 
+def test_every_way_to_a_mesh_writes_its_script(job: packstone.Job, tmp_path: Path) -> None:
+    here, there = packstone.pack(mixes.quick()), job.result()
+    here.save(tmp_path / "1.msh", segments=8)
+    there.save(tmp_path / "2.msh", segments=8)
+    here.export("mesh", tmp_path / "3.msh", segments=8)
+    there.export("mesh", tmp_path / "4.msh", format="msh", segments=8)
+    job.export("mesh", format="msh", segments=8).save(tmp_path / "5.msh")
+    study: mixes.Json = {"template": mixes.without(mixes.quick(), "seed"), "seed": 1}
+    (of_study,) = packstone.study(study, keep=True).save_all(tmp_path, "msh", "6", segments=8)
+    assert of_study == tmp_path / "6.msh"
+    for number in range(1, 7):
+        script = (tmp_path / f"{number}.msh.geo").read_text()
+        assert script.startswith(f'Merge "{number}.msh";\nCreateGeometry'), script
+    assert job.export("mesh", format="msh", segments=8).data["links"]["script"]
+    # What its program opens as it is has no script.
+    here.export("mesh", tmp_path / "7.zip", format="stl", segments=8)
+    here.save(tmp_path / "8.vti", cells=8)
+    assert {path.suffix for path in tmp_path.iterdir()} == {".msh", ".geo", ".zip", ".vti"}
+    assert len(list(tmp_path.iterdir())) == 6 + 6 + 2
+
+
 @pytest.mark.parametrize("suffix", ["geo", "stl", "zip"])
 def test_a_suffix_of_several_exports_is_refused(job: packstone.Job, tmp_path: Path, suffix: str) -> None:
     with pytest.raises(ValueError, match=f"'{suffix}' does not name one export: use export"):

@@ -61,6 +61,28 @@ def test_the_table_is_that_of_the_service(client: packstone.Client, tmp_path: Pa
     assert "colour" in refused.value.detail
 
 
+def test_warnings_are_told_once_each_with_their_points(client: packstone.Client) -> None:
+    template = mixes.without(mixes.quick(), "seed")
+    template["mix"] = template["mix"] | {"allow_coarse": True}
+    # So few grains that whole ones miss the volume: the points 2 and 3.
+    grid = {"/mix/volume_fraction": [0.3, 1e-6], "/distance/gap_mm": [0.2, 0.201]}
+    study = {"template": template, "grid": grid, "seed": 1}
+    with pytest.warns(packstone.PackstoneWarning):
+        here = packstone.study(study).warnings
+    with pytest.warns(packstone.PackstoneWarning) as seen:
+        there = client.study(study).wait().warnings
+    assert here == there and here
+    assert [str(warning.message) for warning in seen] == there
+    with pytest.warns(packstone.PackstoneWarning):
+        ample, coarse = (
+            client.plan(template | {"mix": template["mix"] | {"volume_fraction": fraction}})["warnings"]
+            for fraction in (0.3, 1e-6)
+        )
+    assert set(ample) < set(coarse)
+    points = {text: "all 4 points" if text in ample else "2 of 4 points" for text in coarse}
+    assert sorted(here) == sorted(f"{text} ({of})" for text, of in points.items())
+
+
 def test_runs_that_fail_count_and_a_stop_rule_ends_a_point() -> None:
     template = mixes.without(mixes.unreachable(), "seed")
     study = packstone.study(template=template, replicates=40, stop_when={"failed_in_a_row": 3}, seed=1, workers=1)

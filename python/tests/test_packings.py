@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import mixes
 import numpy as np
@@ -107,6 +108,30 @@ def test_ellipsoids_and_polyhedra_have_columns_of_both(client: packstone.Client)
     assert (table["a_mm"][of_template] == 0).all() and (table["template"][~of_template] == -1).all()
     surfaces = result.to_pyvista(spheres=True)
     assert set(surfaces.cell_data["id"]) == set(range(len(table)))
+
+
+ELLIPSOID = {"type": "ellipsoid", "ratios": {"type": "constant", "elongation": 0.8, "flatness": 0.6}}
+POLYHEDRON = {"type": "polyhedron", "template_count": 3}
+
+
+@pytest.mark.parametrize("shapes", [[], [ELLIPSOID], [POLYHEDRON], [ELLIPSOID, POLYHEDRON], [POLYHEDRON, None]])
+def test_several_aggregates_have_the_surfaces_of_their_shapes(client: packstone.Client, shapes: list[Any]) -> None:
+    one, two = shapes[0] if shapes else None, shapes[-1] if shapes else None
+    parts = [{"share": 0.6, "shape": one}, {"share": 0.4, "shape": two}]
+    grading = {"type": "sieves", "points": [[4, 0], [12, 1]]}
+    aggregates = [{**{name: value for name, value in part.items() if value}, "grading": grading} for part in parts]
+    job = mixes.quick() | {"mix": {"volume_fraction": 0.3, "aggregates": aggregates}}
+    here, there = packstone.pack(job), client.submit(job).result()
+    assert here.columns == there.columns and here.columns[-1] == "aggregate"
+    assert len(here.columns) == here.grains.shape[1]
+    assert ("a_mm" in here.columns) == (ELLIPSOID in shapes or None in shapes)
+    assert ("template" in here.columns) == (POLYHEDRON in shapes)
+    assert list(here.to_dataframe().columns) == list(here.columns)
+    for packing in (here, there):
+        surfaces = packing.to_pyvista(spheres=True, resolution=32)
+        # Inscribed surfaces have less volume than the spheres of equal volume that the column d_mm states.
+        volume = (np.pi / 6 * packing.diameters**3).sum()
+        assert 0.85 * volume < surfaces.triangulate().volume < 1.001 * volume, packing.columns
 
 
 def test_notebooks_show_a_cross_section(result: packstone.Packing, client: packstone.Client) -> None:

@@ -29,6 +29,10 @@ for (const [kind, mix] of /** @type {[string, any][]} */ ([
         const { page, clean, accessible, close } = await openPage(browser, url, { scheme });
         await page.waitForSelector(`canvas[data-drawn="${grains}"]`);
         assert.equal(await page.textContent("h1"), NAME, "the name is a text");
+        // Each size is named: of spheres there is one.
+        const words = (await page.textContent("main")) ?? "";
+        for (const named of ["enclosing sphere", "sieve size", "spheres of equal volume"])
+          assert.equal(words.includes(named), kind !== "spheres", named);
         await page.focus("canvas");
         await page.keyboard.press("c");
         await page.locator("#view-words", { hasText: /cut: x below 20\smm/ }).waitFor();

@@ -62,6 +62,11 @@ impl FileName {
         Self { name: with(&is_letter), ascii: with(&is_plain) }
     }
 
+    /// The same in ASCII alone.
+    pub(crate) fn into_ascii(self) -> String {
+        self.ascii
+    }
+
     /// A name that is plain ASCII.
     pub(crate) fn plain(name: String) -> Self {
         Self { ascii: name.clone(), name }

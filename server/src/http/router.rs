@@ -64,6 +64,7 @@ routes! {
     get "/v1/jobs/{id}/exports/{type}" => exports::file: get,
     post "/v1/jobs/{id}/exports/{type}" => exports::start: start,
     delete "/v1/jobs/{id}/exports/{type}" => exports::delete: delete,
+    get "/v1/jobs/{id}/exports/{type}/script" => exports::script: get,
     get "/v1/jobs/{id}/exports/{type}/status" => exports::status: get,
     post "/v1/studies" => studies::submit: submit,
     get "/v1/studies" => studies::list: list,

@@ -41,7 +41,7 @@ use crate::plots::PlotError;
 use crate::problem::FailureDocument;
 use crate::strict_json;
 
-pub use packed::Packed;
+pub use packed::{Packed, companion};
 pub use run::Run;
 pub use study::{Study, run_of_study};
 

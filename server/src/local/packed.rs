@@ -21,6 +21,28 @@ use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::theme::{Theme, themed};
 use crate::strict_json;
 
+/// What belongs beside the file of an export, if anything does, as the script that opens a mesh for Gmsh: what is
+/// added to `file_name`, and the text. `options` are those of [`Packed::write_export`].
+///
+/// # Errors
+/// [`Ended::Refused`] for options that do not hold.
+pub fn companion(
+    export: &str,
+    options: &str,
+    file_name: &str,
+) -> Result<Option<(&'static str, String)>, Ended> {
+    Ok(read_export(export, options)?.companion(file_name))
+}
+
+fn read_export(export: &str, options: &str) -> Result<ExportRequest, Ended> {
+    let mut request = Map::from_iter([("type".to_owned(), Value::from(export))]);
+    match strict_json::parse(options.as_bytes())? {
+        Value::Object(options) => request.extend(options.into_iter().filter(|(name, _)| name != "type")),
+        other => return Err(refused("", format!("{other} must be an object of options"))),
+    }
+    Ok(ExportRequest::from_json(&Value::Object(request)).map_err(Failure::invalid)?)
+}
+
 /// A packing with its report.
 #[derive(Debug)]
 pub struct Packed {
@@ -56,6 +78,11 @@ impl Packed {
     /// None that a packing causes.
     pub fn report(&self) -> Result<String, Ended> {
         to_json(&self.head)
+    }
+
+    /// Names of the columns of the grains, in the order of [`columns`](Self::columns).
+    pub fn column_names(&self) -> Vec<&'static str> {
+        self.grains.columns().iter().map(|column| column.name()).collect()
     }
 
     /// The columns of the grains, one after the other, and their number: those of the format `npy`.
@@ -94,12 +121,7 @@ impl Packed {
         run: &Run,
         out: &mut dyn Write,
     ) -> Result<String, Ended> {
-        let mut request = Map::from_iter([("type".to_owned(), Value::from(export))]);
-        match strict_json::parse(options.as_bytes())? {
-            Value::Object(options) => request.extend(options.into_iter().filter(|(name, _)| name != "type")),
-            other => return Err(refused("", format!("{other} must be an object of options"))),
-        }
-        let export = ExportRequest::from_json(&Value::Object(request)).map_err(Failure::invalid)?;
+        let export = read_export(export, options)?;
         let specimen = self.specimen()?;
         let provenance = Provenance::from(&self.head);
         let model = Model::new(&specimen, &self.grains).with_provenance(&provenance);

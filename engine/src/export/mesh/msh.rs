@@ -69,7 +69,9 @@ pub fn write(
 /// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
 /// it otherwise.
 pub fn script(file_name: &str) -> String {
-    format!("Merge \"{file_name}\";\nCreateGeometry {{ Volume{{:}}; }}\nMesh.Algorithm3D = 10;\n")
+    // Gmsh knows no escapes within either kind of quotes.
+    let quote = if file_name.contains('"') { '\'' } else { '"' };
+    format!("Merge {quote}{file_name}{quote};\nCreateGeometry {{ Volume{{:}}; }}\nMesh.Algorithm3D = 10;\n")
 }
 
 struct File<'a, W: Write> {

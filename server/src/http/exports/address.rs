@@ -183,15 +183,24 @@ impl Target {
         serde_json::to_value(&self.export).unwrap_or_default()
     }
 
-    /// The name under which a client saves the file: it differs between jobs and between options.
+    /// The name under which a client saves the file: it differs between jobs and between options. That of a file with
+    /// a script beside it, which names the file, is the same for every client.
     pub(crate) fn file_name(&self) -> FileName {
-        FileName::of(&self.job, &self.export.file_ending())
+        let name = FileName::of(&self.job, &self.export.file_ending());
+        if self.export.companion("").is_some() { FileName::plain(name.into_ascii()) } else { name }
     }
 }
 
 /// The path of an export's file: `options` is its stored JSON.
 pub(crate) fn file_path(job: JobId, kind: ExportType, options: &Json) -> String {
     base_path::absolute(&format!("/v1/jobs/{job}/exports/{}{}", kind.name(), query(kind, options)))
+}
+
+/// The path of the script beside the file; `None` where it needs none.
+pub(crate) fn script_path(job: JobId, kind: ExportType, options: &Json) -> Option<String> {
+    ExportRequest::from_json(options).ok()?.companion("")?;
+    let path = format!("/v1/jobs/{job}/exports/{}/script{}", kind.name(), query(kind, options));
+    Some(base_path::absolute(&path))
 }
 
 /// The path of an export's document.

@@ -11,6 +11,7 @@ mod making;
 pub(crate) mod media;
 #[cfg(test)]
 mod responses;
+pub(crate) mod script;
 pub(crate) mod start;
 pub(crate) mod status;
 pub(crate) mod view;

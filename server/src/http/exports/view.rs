@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::base_path;
 use crate::exports::{ExportRecord, ExportState};
-use crate::http::exports::address::{file_path, status_path};
+use crate::http::exports::address::{file_path, script_path, status_path};
 use crate::http::response::{set, time};
 use crate::http::waiting::Changing;
 use crate::ids::JobId;
@@ -76,6 +76,10 @@ pub(crate) struct ExportLinks {
     this: String,
     /// The file.
     file: String,
+    /// The script that opens the file, of meshes for Gmsh: it belongs beside the file.
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    script: Option<String>,
     /// The job.
     job: String,
 }
@@ -97,6 +101,7 @@ impl ExportLinks {
         Self {
             this: status_path(job, kind, options),
             file: file_path(job, kind, options),
+            script: script_path(job, kind, options),
             job: base_path::absolute(&format!("/v1/jobs/{job}")),
         }
     }

@@ -14,12 +14,12 @@ use crate::http::response::{SHORT_LIST, is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
 use crate::ids::StudyId;
-use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState};
+use crate::jobs::store::{StoreError, StudyCounts, StudyRecord, StudyState, StudyWarning};
 use crate::plots::study::StudyPlot;
 use crate::studies::StopWhen;
 
-/// Points of a study whose warnings are shown.
-const MAX_WARNED_POINTS: u32 = 100;
+/// Different lists of warnings of the points of a study that are shown.
+const MAX_WARNINGS: u32 = 100;
 
 /// A study without its request, as listings show it.
 #[derive(Debug, Serialize)]
@@ -91,18 +91,9 @@ pub(crate) struct Study {
     #[cfg_attr(test, schema(required = false, nullable = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     webhook: Option<WebhookView>,
-    /// What is likely to go wrong, by the plans of its points, once for each; at most 100 points.
-    warnings: Vec<PointWarnings>,
-}
-
-/// Warnings of a point of a study.
-#[derive(Debug, Serialize)]
-#[cfg_attr(test, derive(utoipa::ToSchema))]
-pub(crate) struct PointWarnings {
-    /// Number of the point, from 0, in the order of the request.
-    point: u32,
-    /// Warnings of the plan of its jobs, as `POST /v1/plans` gives them.
-    warnings: Vec<String>,
+    /// What is likely to go wrong, by the plans of its points: each text once, by the first point that it is about.
+    /// Points whose plans have the same warnings are counted together; at most 100 such sets of points are looked at.
+    warnings: Vec<StudyWarning>,
 }
 
 /// Jobs by state.
@@ -220,8 +211,7 @@ pub(crate) async fn response(
 ) -> Result<Response, StoreError> {
     let store = &app.shared.store;
     let request = if with_request { Some(store.study_request(record.seq).await?) } else { None };
-    let warnings = store.study_warnings(record.seq, MAX_WARNED_POINTS).await?;
-    let warnings = warnings.into_iter().map(|(point, warnings)| PointWarnings { point, warnings }).collect();
+    let warnings = store.study_warnings(record.seq, MAX_WARNINGS).await?;
     let webhook = WebhookView::of_study(app, caller, record).await?;
     let study = Study { summary: StudySummary::of(app, record), request, webhook, warnings };
     let is_long = study.request.as_ref().is_some_and(is_long) || study.warnings.len() > SHORT_LIST;

@@ -104,7 +104,9 @@ pub(crate) use retention::FinishedJobs;
 pub(crate) use rows::DamagedRow;
 pub(crate) use schema::SchemaError;
 pub(crate) use standings::Standing;
-pub(crate) use studies::{NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, SubmittedStudy};
+pub(crate) use studies::{
+    NewStudy, StudyCounts, StudyFilter, StudyRecord, StudyState, StudyWarning, SubmittedStudy,
+};
 pub(crate) use submit::{IdempotencyKey, NewJob, Submitted};
 pub(crate) use target::Target;
 pub(crate) use upkeep::{Kept, Removed, StoredKind};

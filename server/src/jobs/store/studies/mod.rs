@@ -13,6 +13,8 @@ mod tests;
 
 use std::collections::BTreeMap;
 
+use serde::Serialize;
+
 use super::db::Row;
 use super::{StoreError, rows};
 use crate::ids::StudyId;
@@ -87,6 +89,18 @@ pub(crate) struct StudyRecord {
     pub(crate) submitted_by: String,
     /// Whether other owners may read it with its jobs.
     pub(crate) shared: bool,
+}
+
+/// A warning of the plans of a study.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct StudyWarning {
+    /// The warning, as `POST /v1/plans` gives it.
+    pub(crate) detail: String,
+    /// Number of points that it is about.
+    pub(crate) points: u64,
+    /// The first of these points, counted from 0 in the order of the request.
+    pub(crate) point: u64,
 }
 
 impl StudyRecord {

@@ -1,6 +1,6 @@
 //! Reading studies, and what their tables are made of.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
@@ -8,7 +8,7 @@ use super::super::bodies::composed_body;
 use super::super::db::{QueryBuilder, Row, Transaction, query};
 use super::super::rows::DamagedRow;
 use super::super::{Store, StoreError, rows};
-use super::{StudyRecord, StudyState, runs};
+use super::{StudyRecord, StudyState, StudyWarning, runs};
 use crate::ids::StudyId;
 use crate::studies::table::Rest;
 use crate::studies::{Keys, Run, Table};
@@ -60,26 +60,38 @@ impl Store {
         rows::checked_document(&row, "body", "digest").await
     }
 
-    /// Warnings of the plans of a study by the number of the point, of at most `limit` points: those of the first
-    /// replicate, for all have the same. They leave with that job.
+    /// Warnings of the plans of a study, each text once, of at most `limit` different lists of them: those of the first
+    /// replicates, for all of a point have the same. They leave with these jobs.
     ///
     /// # Errors
     /// The database's.
-    pub(crate) async fn study_warnings(
-        &self,
-        seq: i64,
-        limit: u32,
-    ) -> Result<Vec<(u32, Vec<String>)>, StoreError> {
+    pub(crate) async fn study_warnings(&self, seq: i64, limit: u32) -> Result<Vec<StudyWarning>, StoreError> {
         let found = query(
-            "select point, warnings from jobs where study = ? and replicate = 0 and warnings <> '[]' order by point
-             limit ?",
+            "select warnings, count(*) as points, min(point) as point from jobs
+             where study = ? and replicate = 0 and warnings <> '[]' group by warnings order by min(point) limit ?",
         )
         .bind(seq)
         .bind(limit)
         .fetch_all(self.readers())
         .await?;
-        let of_point = |row: &Row| Ok((row.try_get("point")?, rows::json(row.text("warnings")?)?));
-        found.iter().map(of_point).collect()
+        let mut warnings: Vec<StudyWarning> = Vec::new();
+        let mut known: HashMap<String, usize> = HashMap::new();
+        for row in &found {
+            let (points, point): (i64, i64) = (row.try_get("points")?, row.try_get("point")?);
+            let texts: Vec<String> = rows::json(row.text("warnings")?)?;
+            for detail in texts {
+                let at = *known.entry(detail.clone()).or_insert(warnings.len());
+                match warnings.get_mut(at) {
+                    Some(warning) => warning.points += points.cast_unsigned(),
+                    None => warnings.push(StudyWarning {
+                        detail,
+                        points: points.cast_unsigned(),
+                        point: point.cast_unsigned(),
+                    }),
+                }
+            }
+        }
+        Ok(warnings)
     }
 
     /// A page of at most `limit` studies below number `before`.
