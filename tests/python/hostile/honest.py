@@ -244,8 +244,9 @@ class Honest:
         job.retried = True
         answer = self.client.ask("POST", f"/v1/jobs/{job.id}/retry")
         document = self.accepted(answer, {200, 409}, f"retry {job.id}")
-        if answer is not None and answer.status != 200:
+        if answer is not None and answer.status == 409:
             job.retried = False
+        # With 503 or without an answer, the service may have retried it: it answers what it knows to have lasted.
         elif document is not None:
             job.cancelled = False
             job.state = "queued"
