@@ -50,6 +50,7 @@ mod models;
 mod moved_store;
 mod operations;
 mod packings;
+mod partial;
 mod planning;
 mod plots;
 mod postgres;

@@ -41,6 +41,8 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Op
         seed,
         preference: None,
         keep_checkpoint: None,
+        to_jamming: None,
+        keeps_partial: false,
     };
     growth.run(None, &Unattended).ok()
 }

@@ -40,6 +40,14 @@ impl<'a> Checkpoint<'a> {
         Self { request, write_body }
     }
 
+    /// Writes the state alone.
+    ///
+    /// # Errors
+    /// Those of the writer.
+    pub(crate) fn write_body(&self, out: &mut dyn Write) -> io::Result<()> {
+        (self.write_body)(out)
+    }
+
     /// Writes the checkpoint, in blocks of a size that needs no further buffer.
     ///
     /// # Errors
@@ -141,6 +149,18 @@ impl Resume {
         }
         Ok(Self { body: stored.body })
     }
+
+    /// Reads a checkpoint of `request` or of one that has other limits: `method.stop` and `on_limit` may differ.
+    ///
+    /// # Errors
+    /// As [`Self::read_from`].
+    pub fn read_with_limits(input: &mut dyn Read, request: &PackingRequest) -> Result<Self, CheckpointError> {
+        let stored = Stored::read(input)?;
+        if stored.request()?.without_limits() != request.without_limits() {
+            return Err(CheckpointError::OtherRequest);
+        }
+        Ok(Self { body: stored.body })
+    }
 }
 
 /// Makes sure that a checkpoint is whole, of whatever engine and request, without keeping it in memory.
@@ -161,9 +181,7 @@ pub fn verify(input: &mut dyn Read) -> Result<(), CheckpointError> {
 /// # Errors
 /// When the checkpoint is not whole, or not this engine's.
 pub fn read_request(input: &mut dyn Read) -> Result<PackingRequest, CheckpointError> {
-    let stored = Stored::read(input)?;
-    let value = serde_json::from_slice(&stored.request).map_err(|_| CheckpointError::Corrupt)?;
-    PackingRequest::from_json(&value, 0).map_err(|_| CheckpointError::Corrupt)
+    Stored::read(input)?.request()
 }
 
 /// The parts of a whole checkpoint of this engine.
@@ -173,6 +191,11 @@ struct Stored {
 }
 
 impl Stored {
+    fn request(&self) -> Result<PackingRequest, CheckpointError> {
+        let value = serde_json::from_slice(&self.request).map_err(|_| CheckpointError::Corrupt)?;
+        PackingRequest::from_json(&value, 0).map_err(|_| CheckpointError::Corrupt)
+    }
+
     fn read(input: &mut dyn Read) -> Result<Self, CheckpointError> {
         let mut input = Source { input, sum: crc32fast::Hasher::new() };
         let magic: [u8; 8] = input.array().map_err(|error| match error {

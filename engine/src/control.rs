@@ -3,7 +3,7 @@
 //! The engine knows nothing of clocks, stores or users; it reports often and cheaply, and the
 //! receiver decides what to keep and how to count time.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +72,15 @@ pub struct Growth {
     pub predictable: bool,
 }
 
+/// Why a run is to end with what it has reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finish {
+    /// Somebody asked for it.
+    Requested,
+    /// The time that the job may take is over.
+    TimedOut,
+}
+
 /// Receives progress and answers whether to go on. Called every few milliseconds from the threads
 /// that work, so all but [`Control::keep_checkpoint`] must be cheap.
 pub trait Control: Sync {
@@ -79,6 +88,16 @@ pub trait Control: Sync {
     fn report(&self, progress: &Progress);
     /// Whether the run should stop; it then ends with [`crate::PackError::Stopped`].
     fn should_stop(&self) -> bool;
+    /// Whether the run should end with what it has reached, as a partial packing, and why; the check goes on. It
+    /// counts whatever the request says of limits. Once it is some it must stay so.
+    fn should_finish(&self) -> Option<Finish> {
+        None
+    }
+    /// Whether a checkpoint is wanted of growth that ended before its target and whose packing is kept: who has it can
+    /// go on later.
+    fn wants_last_checkpoint(&self) -> bool {
+        false
+    }
     /// Whether a checkpoint is due. Asked between epochs; what is answered changes nothing about the
     /// packing.
     fn wants_checkpoint(&self) -> bool {
@@ -131,12 +150,50 @@ impl Control for Part<'_> {
         self.whole.should_stop()
     }
 
+    fn should_finish(&self) -> Option<Finish> {
+        self.whole.should_finish()
+    }
+
+    fn wants_last_checkpoint(&self) -> bool {
+        self.whole.wants_last_checkpoint()
+    }
+
     fn wants_checkpoint(&self) -> bool {
         self.whole.wants_checkpoint()
     }
 
     fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
         self.whole.keep_checkpoint(checkpoint);
+    }
+}
+
+/// Control of random addition that stops where the run is to finish, once there is a grain to finish with.
+pub(crate) struct StopToFinish<'a> {
+    whole: &'a dyn Control,
+    has_grains: AtomicBool,
+}
+
+impl<'a> StopToFinish<'a> {
+    /// Control of a random addition that is a part of this run.
+    pub(crate) fn new(whole: &'a dyn Control) -> Self {
+        Self { whole, has_grains: AtomicBool::new(false) }
+    }
+
+    /// Why random addition was stopped to finish with the grains that are placed; `None` where it was not.
+    pub(crate) fn finish(&self) -> Option<Finish> {
+        self.whole.should_finish().filter(|_| !self.whole.should_stop())
+    }
+}
+
+impl Control for StopToFinish<'_> {
+    fn report(&self, progress: &Progress) {
+        self.has_grains.fetch_or(progress.done > 0, Ordering::Relaxed);
+        self.whole.report(progress);
+    }
+
+    fn should_stop(&self) -> bool {
+        let finishes = self.has_grains.load(Ordering::Relaxed) && self.whole.should_finish().is_some();
+        finishes || self.whole.should_stop()
     }
 }
 

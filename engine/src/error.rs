@@ -83,6 +83,18 @@ pub struct InsertionFailed {
     pub saturation_proven: bool,
     /// Attempts spent on that grain.
     pub attempts: u64,
+    /// Whether the request lists its diameters, and has no volume fraction.
+    pub is_list: bool,
+}
+
+/// Words of advice: how to have less of a mix.
+fn less_of(is_list: bool, has_distance: bool) -> &'static str {
+    match (is_list, has_distance) {
+        (false, false) => "lower the volume fraction",
+        (false, true) => "lower the volume fraction or the distance",
+        (true, false) => "list fewer or smaller diameters, take a larger specimen",
+        (true, true) => "list fewer or smaller diameters, take a larger specimen, lower the distance",
+    }
 }
 
 impl std::fmt::Display for InsertionFailed {
@@ -93,14 +105,20 @@ impl std::fmt::Display for InsertionFailed {
             self.placed, self.grains, self.volume_fraction_reached, self.volume_fraction_asked
         )?;
         if self.saturation_proven {
-            write!(f, "it is proven that no place is left for a grain of {:.4} mm", self.diameter_mm)
+            write!(f, "it is proven that no place is left for a grain of {:.4} mm", self.diameter_mm)?;
         } else {
             write!(
                 f,
                 "no place found for a grain of {:.4} mm in {} attempts",
                 self.diameter_mm, self.attempts
-            )
+            )?;
         }
+        let less = less_of(self.is_list, false);
+        write!(
+            f,
+            "; grow the grains instead (method \"auto\"), {less}, or try another seed; on_limit \"keep\" keeps the \
+             grains that were placed"
+        )
     }
 }
 
@@ -142,6 +160,8 @@ pub struct GrowthStopped {
     pub effort: GrowthEffort,
     /// What ended the run.
     pub end: GrowthEnd,
+    /// Whether the request lists its diameters, and has no volume fraction.
+    pub is_list: bool,
 }
 
 impl std::fmt::Display for GrowthStopped {
@@ -162,24 +182,29 @@ impl std::fmt::Display for GrowthStopped {
                 write!(f, ") after {cycles} compression cycles and {moves} moves: ")?;
             }
         }
-        let less = if self.distance_mm_asked.is_some() {
-            "lower the volume fraction or the distance"
-        } else {
-            "lower the volume fraction"
-        };
+        let less = less_of(self.is_list, self.distance_mm_asked.is_some());
         match self.end {
             GrowthEnd::Stalled => {
                 write!(f, "it stalled, for the grains jam before their target; {less}, or try another seed")?;
                 if matches!(self.effort, GrowthEffort::Events { .. }) {
                     write!(f, " or a lower growth_rate")?;
                 }
-                Ok(())
             }
-            GrowthEnd::TimeLimit => write!(f, "the time limit was reached; raise stop.time_s, or {less}"),
-            GrowthEnd::EventLimit => write!(f, "the event limit was reached; raise stop.events, or {less}"),
-            GrowthEnd::SweepLimit => write!(f, "the sweep limit was reached; raise stop.sweeps, or {less}"),
-            GrowthEnd::Target => write!(f, "it ended short of its target; {less}"),
+            GrowthEnd::TimeLimit => write!(f, "the time limit was reached; raise stop.time_s, or {less}")?,
+            GrowthEnd::EventLimit => write!(f, "the event limit was reached; raise stop.events, or {less}")?,
+            GrowthEnd::SweepLimit => write!(f, "the sweep limit was reached; raise stop.sweeps, or {less}")?,
+            GrowthEnd::Target => write!(f, "it ended short of its target; {less}")?,
+            GrowthEnd::Finished => {
+                write!(f, "it was to finish, and no scale of the sizes keeps the distance")?
+            }
         }
+        if self.volume_fraction_reached > 0.0 {
+            write!(f, "; on_limit \"keep\" keeps the packing that was reached")?;
+            if self.is_list {
+                write!(f, ", and mix.volume_fraction \"maximize\" scales the list to the densest packing")?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -198,12 +223,13 @@ mod tests {
             scale_reached: 0.99909,
             effort: GrowthEffort::Events { events: 12_000_000, simulated_time_s: 2.5 },
             end: GrowthEnd::Stalled,
+            is_list: false,
         };
         assert_eq!(
             TargetNotReached::GrowthStopped(not_grown.clone()).to_string(),
             "growth stopped at 0.9991 of the final diameters (volume fraction 0.6981 of 0.7000) after 12000000 events \
              and 2.500 s of simulated time: it stalled, for the grains jam before their target; lower the volume \
-             fraction, or try another seed or a lower growth_rate"
+             fraction, or try another seed or a lower growth_rate; on_limit \"keep\" keeps the packing that was reached"
         );
         let limited = GrowthStopped {
             distance_mm_reached: Some(0.92),
@@ -213,6 +239,25 @@ mod tests {
         };
         let said = limited.to_string();
         assert!(said.contains("distance 0.9200 of 1.0000 mm"), "{said}");
-        assert!(said.ends_with("raise stop.time_s, or lower the volume fraction or the distance"), "{said}");
+        assert!(said.contains("raise stop.time_s, or lower the volume fraction or the distance;"), "{said}");
+    }
+
+    #[test]
+    fn advice_fits_a_request_that_lists_its_diameters() {
+        let failed = InsertionFailed {
+            placed: 7,
+            grains: 9,
+            diameter_mm: 2.0,
+            volume_fraction_reached: 0.5,
+            volume_fraction_asked: 0.6,
+            saturation_proven: true,
+            attempts: 3,
+            is_list: true,
+        };
+        for said in [failed.to_string(), TargetNotReached::InsertionFailed(failed).to_string()] {
+            assert!(!said.contains("lower the volume fraction"), "{said}");
+            assert!(said.contains("list fewer or smaller diameters"), "{said}");
+            assert!(said.contains("method \"auto\"") && said.contains("on_limit \"keep\""), "{said}");
+        }
     }
 }

@@ -54,13 +54,13 @@ mod summed;
 mod threads;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
-pub use control::{Control, Growth, Phase, Progress, Unattended};
+pub use control::{Control, Finish, Growth, Phase, Progress, Unattended};
 pub use error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 pub use memory::OutOfMemory;
 pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
-pub use run::{VerifyError, pack, pack_or_resume, verify, verify_failure};
+pub use run::{VerifyError, checked_as, pack, pack_or_resume, verify, verify_failure};
 
 /// Version of the engine, recorded in every result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

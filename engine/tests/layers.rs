@@ -52,7 +52,7 @@ const WITHOUT_CIRCLES: [&str; 10] = [
 fn module_of(name: &str) -> &str {
     match name {
         "Checkpoint" | "CheckpointError" | "Resume" => "checkpoint",
-        "Control" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
+        "Control" | "Finish" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
         "PackError" | "PlanError" => "error",
         "Grains" | "Packing" | "Report" | "Solids" | "Spheres" => "packing",
         "Plan" | "Limits" => "plan",

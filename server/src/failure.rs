@@ -172,6 +172,10 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) saturation_proven: Option<bool>,
+    /// Whether the request lists its diameters, so that it has no volume fraction to lower.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    pub(crate) is_list: Option<bool>,
     /// Number of insertions tried for the grain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
@@ -216,7 +220,7 @@ impl Failure {
         let done = 100.0 * fraction_done;
         let detail = format!(
             "the run took longer than the {timeout_s} s that it may (timeout_s of the job, or --max-run-s of the server); \
-             about {done:.0} % of the work was done"
+             about {done:.0} % of the work was done; on_limit \"keep\" keeps what was reached"
         );
         let facts = FailureFacts { fraction_done: Some(fraction_done), ..FailureFacts::default() };
         Self::new(FailureCode::TimedOut, detail).with_facts(facts)
@@ -312,6 +316,7 @@ impl From<TargetNotReached> for FailureFacts {
                 distance_mm_asked: reached.distance_mm_asked,
                 scale_reached: Some(reached.scale_reached),
                 end: Some(reached.end),
+                is_list: reached.is_list.then_some(true),
                 ..Self::of_effort(reached.effort)
             },
             TargetNotReached::InsertionFailed(reached) => Self {
@@ -322,6 +327,7 @@ impl From<TargetNotReached> for FailureFacts {
                 volume_fraction_asked: Some(reached.volume_fraction_asked),
                 saturation_proven: Some(reached.saturation_proven),
                 attempts: Some(reached.attempts),
+                is_list: reached.is_list.then_some(true),
                 ..Self::default()
             },
         }

@@ -114,7 +114,8 @@ fn plan_key(request: &PackingRequest, limits: &Limits, proposal: Proposal) -> Op
     if !request.mix.has_shapes() {
         return None;
     }
-    let PackingRequest { seed: _, specimen, mix, distance, method, segregation } = request;
+    // Limits are obeyed whatever becomes of a run that meets one.
+    let PackingRequest { seed: _, specimen, mix, distance, method, segregation, on_limit: _ } = request;
     key(&(specimen, mix, distance, method, segregation), &format!("{limits:?} {proposal:?}"))
 }
 

@@ -151,9 +151,9 @@ kinds! {
     TargetNotReached "target-not-reached" 0 "The packing was not reached"
         "The end of a job: the method ended before all grains were inserted, or before they had grown to their size \
          and distance. The document tells how far it came. Another seed, a lower volume fraction or another method \
-         may succeed."
+         may succeed; `on_limit` \"keep\" keeps the packing that is reached."
     TimedOut "timed-out" 0 "The job timed out"
-        "The end of a job: it ran longer than its `timeout_s`."
+        "The end of a job: it ran longer than its `timeout_s`. `on_limit` \"keep\" keeps the packing that is reached."
     AttemptsExhausted "attempts-exhausted" 0 "Too many attempts"
         "The end of a job or of an export: the server stopped while it ran, as often as its `max_attempts` allows \
          (three times for an export). The task itself may be what stops the server, for example by the memory it \

@@ -11,6 +11,11 @@
 //! close to a sieve that they may lie on either side of it count on both: the volume above the sieve lies between that
 //! with and that without them, and one of the two bounds must do.
 //!
+//! Of a run that was ended early all sizes may be scaled by one factor, and the finest grains may be missing. Sizes are
+//! then judged at the scale at which they were sampled, and without the finest grains the volume above a sieve must not
+//! exceed what the curve asks for by more than the last grain; that it does not fall short of it is not asked. What is
+//! reported are the sizes that the grains have, beside the curve of the request.
+//!
 //! Where a mix has several aggregates, the grains of each are judged by its own curve and its share of the volume.
 //!
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
@@ -18,6 +23,7 @@
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
+use super::Extent;
 use crate::elementary::{ln, powf};
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::standard;
@@ -85,7 +91,71 @@ pub(super) struct Graded {
 }
 
 /// Judges the grains of a packing; `part` is the aggregate of each, empty where the mix names none.
-pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) -> Result<Graded, String> {
+pub(super) fn check(
+    grains: Grains<'_>,
+    part: &[u16],
+    request: &PackingRequest,
+    extent: Extent,
+) -> Result<Graded, String> {
+    if extent.size_scale == 1.0 {
+        return check_drawn(grains, part, request, extent.has_all_grains);
+    }
+    // As they were drawn; a factor on a size and back leaves an error of rounding.
+    let (scale, cube) = (extent.size_scale, extent.size_scale.powi(3));
+    let drawn: Vec<(f64, f64)> = (0..grains.len())
+        .map(|row| grains.get(row))
+        .map(|(size_mm, volume_mm3)| (size_mm / scale, volume_mm3 / cube))
+        .collect();
+    let error = |row: usize| grains.size_error(row).max(SIZE_ERROR);
+    let drawn = Grains::Bodies { sizes: &drawn, error: &error };
+    let judged = check_drawn(drawn, part, request, extent.has_all_grains)?;
+    Ok(as_they_are(judged, grains, part))
+}
+
+/// The classes and aggregates with the grains at the sizes that they have.
+fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
+    let mut all = vec![&mut graded.classes];
+    let by_aggregate = !graded.aggregates.is_empty();
+    all.extend(graded.aggregates.iter_mut().map(|aggregate| &mut aggregate.classes));
+    for class in all.iter_mut().flat_map(|classes| classes.iter_mut()) {
+        (class.grains, class.volume_mm3) = (0, 0.0);
+    }
+    for row in 0..grains.len() {
+        let (d, volume_mm3) = grains.get(row);
+        let d = d * (1.0 - grains.size_error(row));
+        let of_aggregate = by_aggregate.then(|| 1 + usize::from(part[row]));
+        for number in std::iter::once(0).chain(of_aggregate) {
+            if let Some(index) = class_of(all[number], d) {
+                all[number][index].grains += 1;
+                all[number][index].volume_mm3 += volume_mm3;
+            }
+        }
+    }
+    let miss = |class: &ClassReport| (class.volume_mm3 - class.target_volume_mm3).abs();
+    let volume = |classes: &[ClassReport]| classes.iter().fold(0.0, |sum, class| sum + class.volume_mm3);
+    let all_mm3 = volume(&graded.classes);
+    for aggregate in &mut graded.aggregates {
+        let placed_mm3 = volume(&aggregate.classes);
+        aggregate.mass_kg = aggregate.mass_kg.map(|mass| mass * share_of(placed_mm3, aggregate.volume_mm3));
+        aggregate.volume_mm3 = placed_mm3;
+    }
+    let parts = graded.aggregates.iter().map(|aggregate| &aggregate.classes);
+    let worst_mm3 = if by_aggregate {
+        parts.flatten().map(miss).fold(0.0, f64::max)
+    } else {
+        graded.classes.iter().map(miss).fold(0.0, f64::max)
+    };
+    graded.max_class_mass_error = share_of(worst_mm3, all_mm3);
+    graded
+}
+
+/// Judges grains at the sizes that were drawn.
+fn check_drawn(
+    grains: Grains<'_>,
+    part: &[u16],
+    request: &PackingRequest,
+    has_all: bool,
+) -> Result<Graded, String> {
     let mix = &request.mix;
     let parts = mix.parts();
     let specimen_mm3 = specimen_volume_mm3(&request.specimen);
@@ -95,7 +165,7 @@ pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) 
         }
         let whole = parts.first().ok_or("the mix has no grading")?;
         let rows: Vec<usize> = (0..grains.len()).collect();
-        let judged = judge(grains, &rows, asked(mix, whole, specimen_mm3))?;
+        let judged = judge(grains, &rows, asked(mix, whole, specimen_mm3), has_all)?;
         return Ok(Graded {
             max_class_mass_error: share_of(judged.worst_miss_mm3, judged.placed_mm3()),
             classes: judged.classes,
@@ -115,7 +185,7 @@ pub(super) fn check(grains: Grains<'_>, part: &[u16], request: &PackingRequest) 
     let mut aggregates = Vec::with_capacity(parts.len());
     let (mut worst_mm3, mut all_mm3) = (0.0_f64, 0.0);
     for (number, (part, aggregate)) in parts.iter().zip(&mix.aggregates).enumerate() {
-        let found = judge(grains, &rows[number], asked(mix, part, specimen_mm3))
+        let found = judge(grains, &rows[number], asked(mix, part, specimen_mm3), has_all)
             .map_err(|fault| format!("aggregate {number}: {fault}"))?;
         worst_mm3 = worst_mm3.max(found.worst_miss_mm3);
         all_mm3 += found.placed_mm3();
@@ -160,6 +230,7 @@ fn judge(
     grains: Grains<'_>,
     rows: &[usize],
     (mut classes, list): (Vec<ClassReport>, Option<Vec<f64>>),
+    has_all: bool,
 ) -> Result<Judged, String> {
     let (d_min, d_max) = bounds_mm(&classes);
     // Largest grain that a class may hold: the overshoot of the last one.
@@ -190,7 +261,7 @@ fn judge(
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
     match &list {
         Some(list) => {
-            check_list(grains, list)?;
+            check_list(grains, list, has_all)?;
             if let Grains::Bodies { .. } = grains {
                 // A list names sizes; their volumes are those of the bodies.
                 for class in &mut classes {
@@ -198,7 +269,10 @@ fn judge(
                 }
             }
         }
-        None => check_cumulative(&classes, &largest, &doubtful_mm3, ROUNDING * all.max(1.0))?,
+        None => {
+            let rounding = ROUNDING * all.max(1.0);
+            check_cumulative(&classes, &largest, &doubtful_mm3, rounding, has_all)?;
+        }
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs();
     let worst_miss_mm3 = classes.iter().map(miss).fold(0.0, f64::max);
@@ -349,17 +423,24 @@ fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
     std::iter::once(low).chain(inner).zip(upper)
 }
 
-fn check_list(grains: Grains<'_>, list: &[f64]) -> Result<(), String> {
+fn check_list(grains: Grains<'_>, list: &[f64], has_all: bool) -> Result<(), String> {
     let mut found: Vec<(f64, f64)> =
         (0..grains.len()).map(|row| (grains.get(row).0, grains.size_error(row))).collect();
     sorting::by_number(&mut found, |(size, _)| -size);
-    if found.len() != list.len() {
+    if found.len() != list.len() && (has_all || found.len() > list.len()) {
         return Err(format!("{} grains instead of {}", found.len(), list.len()));
     }
-    match found.iter().zip(list).find(|&((a, error), b)| (a - b).abs() > error * b) {
-        Some(((a, _), b)) => Err(format!("a grain of {a} mm instead of {b} mm")),
-        None => Ok(()),
+    let mut listed = list.iter().copied();
+    for (size, error) in found {
+        let is_same = |mm: f64| (size - mm).abs() <= error * mm;
+        let next = listed.next().unwrap_or(f64::NAN);
+        // Sizes that are listed and not placed are passed over.
+        let is_listed = is_same(next) || !has_all && listed.any(is_same);
+        if !is_listed {
+            return Err(format!("a grain of {size} mm instead of {next} mm"));
+        }
     }
+    Ok(())
 }
 
 /// Compares the volume above each sieve with what the curve asks for; `largest` are the volumes of the largest grains
@@ -369,13 +450,14 @@ fn check_cumulative(
     largest: &[f64],
     doubtful_mm3: &[f64],
     rounding: f64,
+    has_all: bool,
 ) -> Result<(), String> {
     let (mut excess, mut allowed) = (0.0, 0.0);
     for ((class, &largest), &doubtful) in classes.iter().zip(largest).zip(doubtful_mm3).rev() {
         excess += class.volume_mm3 - class.target_volume_mm3;
         allowed =
             if class.grains > 0 || doubtful > 0.0 { largest } else { allowed - class.target_volume_mm3 };
-        if excess + doubtful < -rounding || excess > allowed + rounding {
+        if has_all && excess + doubtful < -rounding || excess > allowed + rounding {
             return Err(format!(
                 "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} \
                  mm3",
@@ -408,7 +490,7 @@ mod tests {
         let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
         let request = request(10.0, &json!({"grading": sieves, "volume_fraction": 0.4}));
         let accepted = |sizes: &[(f64, f64)], error: f64| {
-            check(Grains::Bodies { sizes, error: &|_| error }, &[], &request).is_ok()
+            check(Grains::Bodies { sizes, error: &|_| error }, &[], &request, Extent::WHOLE).is_ok()
         };
         for (size, exactly, roughly) in
             [(8.000_04, true, true), (7.999_96, false, true), (7.999, false, false), (8.001, true, true)]
@@ -441,7 +523,7 @@ mod tests {
                 .map(|(d, template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
             let judge = |sizes: &[(f64, f64)]| {
-                check(Grains::Bodies { sizes, error: &|_| SIEVE_ERROR }, &[], &request)
+                check(Grains::Bodies { sizes, error: &|_| SIEVE_ERROR }, &[], &request, Extent::WHOLE)
             };
             let classes = judge(&found).unwrap().classes;
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);

@@ -66,22 +66,38 @@ pub enum Scope {
     WithoutPairs,
 }
 
+/// What a packing has of the grains that its mix asks for: all of them at their sizes, unless its run was ended early or
+/// its volume fraction was to be as large as possible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// The factor on the sizes of all grains.
+    pub size_scale: f64,
+    /// Whether all grains are placed; if not, the finest are missing.
+    pub has_all_grains: bool,
+}
+
+impl Extent {
+    /// All grains at their sizes.
+    pub const WHOLE: Self = Self { size_scale: 1.0, has_all_grains: true };
+}
+
 /// Checks a packing of any kind of grains against its request, on so many threads. What is found does not depend on the
-/// threads.
+/// threads. Gaps are checked at the sizes that the grains have; that these are those of the mix, by its extent.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
 pub fn check_grains<'a>(
     grains: impl Into<GrainsRef<'a>>,
     request: &PackingRequest,
+    extent: Extent,
     scope: Scope,
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let walk = &walk::Walk { threads, control };
     match grains.into() {
-        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, scope, walk),
-        GrainsRef::Solids(solids) => solids::judge(solids, request, scope, walk),
+        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, scope, walk),
+        GrainsRef::Solids(solids) => solids::judge(solids, request, extent, scope, walk),
     }
 }
 

@@ -8,7 +8,7 @@ use super::convex::{Body, Convex};
 use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
 use super::packing::Packing;
 use super::walk::Walk;
-use super::{Check, Fault, Pairs, Scope, SeparationCertificate, body, sieve};
+use super::{Check, Extent, Fault, Pairs, Scope, SeparationCertificate, body, sieve};
 use crate::control::Control;
 use crate::elementary::cbrt;
 use crate::memory::{OutOfMemory, collected, reserved};
@@ -27,19 +27,20 @@ pub fn check_solids(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge(solids, request, Scope::All, &Walk { threads, control })
+    judge(solids, request, Extent::WHOLE, Scope::All, &Walk { threads, control })
 }
 
 /// Checks what the scope names.
 pub(super) fn judge(
     solids: &Solids,
     request: &PackingRequest,
+    extent: Extent,
     scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
     let shapes = shapes_of(solids)?;
     let grains = (&*shapes, &*solids.poses, &*solids.aggregate);
-    judge_shapes(grains, request, request.mix.size, scope, walk)
+    judge_shapes(grains, (request, extent), request.mix.size, scope, walk)
 }
 
 fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
@@ -66,13 +67,13 @@ pub fn check_shapes(
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let walk = &Walk { threads: NonZeroUsize::MIN, control };
-    judge_shapes((shapes, poses, &[]), request, size, Scope::All, walk)
+    judge_shapes((shapes, poses, &[]), (request, Extent::WHOLE), size, Scope::All, walk)
 }
 
 /// Checks shapes at their poses with the aggregate of each, none where the mix names none.
 fn judge_shapes(
     (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
-    request: &PackingRequest,
+    (request, extent): (&PackingRequest, Extent),
     size: SizeMeasure,
     scope: Scope,
     walk: &Walk<'_>,
@@ -83,7 +84,7 @@ fn judge_shapes(
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
         let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return check_bodies(&packing, (grains, aggregate), request, scope, walk);
+        return check_bodies(&packing, (grains, aggregate), (request, extent), scope, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -102,7 +103,7 @@ fn judge_shapes(
         _ => SIZE_ERROR,
     };
     let grains = Grains::Bodies { sizes: &sizes, error: &error };
-    check_bodies(&packing, (grains, aggregate), request, scope, walk)
+    check_bodies(&packing, (grains, aggregate), (request, extent), scope, walk)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -204,7 +205,7 @@ fn bodies<'a>(
 fn check_bodies<B: Convex>(
     packing: &Packing<B>,
     (grains, aggregate): (Grains<'_>, &[u16]),
-    request: &PackingRequest,
+    (request, extent): (&PackingRequest, Extent),
     scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
@@ -213,7 +214,7 @@ fn check_bodies<B: Convex>(
         Scope::All => packing.check_pairs(walk)?,
         Scope::WithoutPairs => Pairs::default(),
     };
-    let graded = grading::check(grains, aggregate, request).map_err(Fault::Grading)?;
+    let graded = grading::check(grains, aggregate, request, extent).map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
 }
 

@@ -8,7 +8,7 @@ use super::grading::{self, Grains};
 use super::required::Required;
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
-use super::{Check, Fault, Pairs, Scope};
+use super::{Check, Extent, Fault, Pairs, Scope};
 use crate::control::{Control, Unattended};
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
@@ -34,13 +34,14 @@ pub fn check_with(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge(spheres, request, Scope::All, &Walk { threads, control })
+    judge(spheres, request, Extent::WHOLE, Scope::All, &Walk { threads, control })
 }
 
 /// Checks what the scope names.
 pub(super) fn judge(
     spheres: &Spheres,
     request: &PackingRequest,
+    extent: Extent,
     scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Check, Fault> {
@@ -61,7 +62,7 @@ pub(super) fn judge(
         Scope::All => check_pairs(spheres, &required, walk)?,
         Scope::WithoutPairs => Pairs::default(),
     };
-    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request)
+    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request, extent)
         .map_err(Fault::Grading)?;
     Ok(Check::new(min_wall_gap_mm, &pairs, graded))
 }

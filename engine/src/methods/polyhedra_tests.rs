@@ -115,6 +115,8 @@ fn growth<'a>(
         seed: 3,
         preference: None,
         keep_checkpoint: None,
+        to_jamming: None,
+        keeps_partial: false,
     }
 }
 

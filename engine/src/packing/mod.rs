@@ -224,6 +224,66 @@ pub struct Summary {
     /// where the mix names none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub aggregates: Vec<AggregateReport>,
+    /// The factor on the sizes of all grains, where the volume fraction was to be as large as possible: over those
+    /// that were drawn, or over those of the list. Absent elsewhere.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable = false))]
+    pub size_scale: Option<f64>,
+    /// The `mix.volume_fraction` that the numbers of these grains were drawn for; absent elsewhere and for an explicit
+    /// list.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable = false))]
+    pub volume_fraction_drawn: Option<f64>,
+    /// How far a run came that ended before its target and whose packing was kept; absent where all was reached.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable = false))]
+    pub partial: Option<Partial>,
+}
+
+/// How far a run came that ended before its target. Sizes and distances of the packing are those stated here.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Partial {
+    /// Why the run ended.
+    pub reason: PartialReason,
+    /// Volume of the grains over that of the specimen (`phi_eff`), as requested; `null` where it was to be as large as
+    /// possible.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub volume_fraction_requested: Option<f64>,
+    /// The same of the packing.
+    pub volume_fraction_reached: f64,
+    /// The constant distance requested; `null` where none was, and where it was to be as large as possible.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub distance_mm_requested: Option<f64>,
+    /// The constant distance that all grains keep; `null` where it varies from pair to pair.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub distance_mm_reached: Option<f64>,
+    /// The factor on the sizes of all grains, the largest at which every pair and every wall keeps its distance, but
+    /// at most 1 unless the volume fraction was to be as large as possible.
+    pub size_scale: f64,
+    /// Number of grains of the mix.
+    pub grains_requested: u64,
+    /// Number of grains of the packing: fewer where random addition ended early.
+    pub grains_placed: u64,
+}
+
+/// Why a run ended before its target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum PartialReason {
+    /// The limit of time of the method.
+    TimeLimit,
+    /// The limit of events or of sweeps of the method.
+    EventLimit,
+    /// The grains jammed.
+    Stalled,
+    /// Random addition found no place for a grain.
+    Saturated,
+    /// The time limit of the job.
+    TimedOut,
+    /// A request to finish with what was reached.
+    Finished,
 }
 
 /// One aggregate of the result.
@@ -351,6 +411,8 @@ pub enum GrowthEnd {
     EventLimit,
     /// The number of sweeps of moves that there may be.
     SweepLimit,
+    /// A request to finish with what was reached, or the time limit of the job.
+    Finished,
 }
 
 /// What hard-particle Monte Carlo counted, over all parts of a run that was interrupted.

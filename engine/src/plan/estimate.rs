@@ -66,6 +66,8 @@ pub(super) struct Case<'a> {
     /// and over the room for them.
     pub(super) filled: f64,
     pub(super) features: Features,
+    /// Whether the grains grow until they jam, in place of to their size.
+    to_jamming: bool,
 }
 
 impl<'a> Case<'a> {
@@ -80,7 +82,18 @@ impl<'a> Case<'a> {
             coated_mm3,
             filled: coated_mm3 / room_mm3(request, rule, mix.d_max_mm),
             features: features(request, mix, factor, offset),
+            to_jamming: false,
         }
+    }
+
+    /// The same of grains that grow until they jam, if they do.
+    pub(super) fn to_jamming(self, to_jamming: bool) -> Self {
+        Self { to_jamming, ..self }
+    }
+
+    /// Whether growth has no target: it goes on until the grains jam.
+    fn is_without_target(&self) -> bool {
+        self.to_jamming || matches!(self.request.distance, Distance::Maximize { .. })
     }
 
     pub(super) fn methods(&self) -> MethodEstimates {
@@ -90,7 +103,7 @@ impl<'a> Case<'a> {
             Method::Auto {} | Method::MonteCarlo { .. } => (None, EdmdOptions::default()),
         };
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
-        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        let maximize = self.is_without_target();
         let of_spheres = MethodEstimates {
             rsa: MethodEstimate {
                 // It grows nothing, so it has no largest distance.
@@ -105,22 +118,31 @@ impl<'a> Case<'a> {
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
         };
-        match &self.mix.shapes {
+        let mut methods = match &self.mix.shapes {
             Some(of_grains) => shapes::limited(of_spheres, of_grains, filled, grains),
             None => of_spheres,
+        };
+        if self.to_jamming {
+            // Whatever they reach is the target.
+            methods.growth.success_probability = 1.0;
         }
+        methods
     }
 
     /// What growth of spheres to the target is expected to take, at most the events of a stall.
     pub(super) fn growth(&self) -> Expected {
         let (features, grains) = (&self.features, self.grains);
-        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
+        let maximize = self.is_without_target();
         let start_fraction = features.growth_start(if maximize { f64::INFINITY } else { self.filled });
         Expected {
             start_fraction,
             start_work: features.rsa_time_s(start_fraction.min(self.filled), grains, None)
                 / (grains * model::event_s(grains)),
-            events_per_grain: features.events_per_grain(self.filled, grains).min(STALL_EVENTS),
+            events_per_grain: if self.to_jamming {
+                STALL_EVENTS
+            } else {
+                features.events_per_grain(self.filled, grains).min(STALL_EVENTS)
+            },
         }
     }
 

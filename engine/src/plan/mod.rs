@@ -4,6 +4,7 @@
 //! (`docs/estimates.md`). A plan draws no random numbers but the templates of angular grains, which have a seed of
 //! their own: the same request has the same plan.
 
+mod densest;
 mod estimate;
 mod model;
 mod rods;
@@ -25,6 +26,7 @@ use crate::mix::{GradedMix, deviation};
 use crate::request::{
     Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
 };
+pub(crate) use densest::Drawing;
 use estimate::Case;
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
@@ -193,17 +195,27 @@ impl Plan {
     /// volume by more than [`crate::mix::MAX_DEVIATION`] and the mix does not allow it.
     pub fn new(request: &PackingRequest, limits: &Limits) -> Result<Self, PlanError> {
         let specimen_volume_mm3 = request.specimen.volume_mm3();
+        let densest = Drawing::expected(request);
+        let drawn = densest.map(|drawing| drawing.of(request));
+        let request = drawn.as_ref().unwrap_or(request);
         let mix = GradedMix::new(&request.mix, specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        check_list(&mix)?;
+        // What is scaled until it jams has no volume to miss, and a list no size that must fit.
+        if densest.is_none() {
+            check_list(&mix)?;
+        }
         check_cut_off(&request.mix, &mix)?;
-        check_largest(request, &mix, &rule)?;
+        if densest.is_none() || mix.list.is_none() {
+            check_largest(request, &mix, &rule)?;
+        }
         check_maximize(request, &mix)?;
         let grains = mix.expected_grains();
-        let case = Case::of_mix(request, &mix, &rule);
-        check_feasible(&case)?;
-        let mut warnings: Vec<String> =
-            deviation::foresee(&request.mix, &mix).map_err(PlanError::Coarse)?.into_iter().collect();
+        let case = Case::of_mix(request, &mix, &rule).to_jamming(densest.is_some());
+        let mut warnings: Vec<String> = Vec::new();
+        if densest.is_none() {
+            check_feasible(&case)?;
+            warnings.extend(deviation::foresee(&request.mix, &mix).map_err(PlanError::Coarse)?);
+        }
 
         let methods = case.methods();
         let likely = case.of_request(&methods);
@@ -226,6 +238,7 @@ impl Plan {
         check_limits(&mix, grains, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
         warnings.extend(mix_warnings(request, &mix));
+        let cube = densest.map_or(1.0, |drawing| drawing.scale().powi(3));
         let classes = sieve_classes(&mix)
             .iter()
             .map(|c| ClassPlan {
@@ -238,9 +251,9 @@ impl Plan {
         Ok(Self {
             grains,
             specimen_volume_mm3,
-            volume_fraction_mixture: mix.volume_fraction_mixture,
-            volume_fraction_effective: mix.volume_fraction_effective,
-            volume_fraction_with_coating: case.coated_mm3 / specimen_volume_mm3,
+            volume_fraction_mixture: cube * mix.volume_fraction_mixture,
+            volume_fraction_effective: cube * mix.volume_fraction_effective,
+            volume_fraction_with_coating: cube * case.coated_mm3 / specimen_volume_mm3,
             memory_bytes,
             estimated_time_s: likely.time_s,
             most_threads: most_threads(request, &mix, grains, grows),
@@ -259,9 +272,12 @@ impl Plan {
     /// Adds the proposal to the plan of this request.
     #[must_use]
     pub fn with_proposal(mut self, request: &PackingRequest) -> Self {
+        let densest = Drawing::expected(request);
+        let drawn = densest.map(|drawing| drawing.of(request));
+        let request = drawn.as_ref().unwrap_or(request);
         let mix = GradedMix::new(&request.mix, self.specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        let case = Case::of_mix(request, &mix, &rule);
+        let case = Case::of_mix(request, &mix, &rule).to_jamming(densest.is_some());
         self.proposal = Some(case.proposal(&case.of_request(&self.methods)));
         self
     }
@@ -288,7 +304,10 @@ fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
     }
     Err(infeasible(
         "/mix/grading/diameters_mm",
-        format!("the grains have {phi:.4} times the specimen's volume: must be at most 1"),
+        format!(
+            "the grains have {phi:.4} times the specimen's volume: must be at most 1; mix.volume_fraction \"maximize\" \
+             scales the diameters to the densest packing"
+        ),
     ))
 }
 
@@ -405,11 +424,17 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
+    let advice = if case.mix.list.is_some() {
+        "take a larger specimen, list fewer or smaller diameters, or lower the distance; mix.volume_fraction \
+         \"maximize\" scales the diameters to the densest packing"
+    } else {
+        "lower the volume fraction or the distance"
+    };
     Err(infeasible(
         request.mix.amount_pointer(),
         format!(
             "the grains to place are a volume fraction of {effective:.4}{coating}: {bodies} of this range of \
-             diameters (1 : {ratio:.2}) fill at most {densest:.4}; lower the volume fraction or the distance"
+             diameters (1 : {ratio:.2}) fill at most {densest:.4}; {advice}"
         ),
     ))
 }

@@ -5,7 +5,10 @@ use super::decode::{At, Bound, Object};
 use super::grading::{check_d_min, read_d_min, read_grading};
 use super::proportions::{MixProportions, read_proportions};
 use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
-use super::{DEFAULT_D_MIN_MM, Grading, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFractionOf};
+use super::{
+    DEFAULT_D_MIN_MM, Grading, MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction,
+    VolumeFractionOf,
+};
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
 
@@ -97,26 +100,47 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     Some(mix)
 }
 
-/// The amount of aggregate: exactly one of its two forms, and none beside an explicit list.
+/// The amount of aggregate: exactly one of its two forms, and none beside an explicit list but the largest.
 fn read_amount(
     object: &mut Object<'_>,
     is_list: bool,
     aggregates: Option<&[Aggregate]>,
-) -> (Option<f64>, Option<MixProportions>) {
+) -> (Option<VolumeFraction>, Option<MixProportions>) {
     let content_at = object.optional("proportions");
     if is_list {
-        for at in object.optional("volume_fraction").iter().chain(&content_at) {
+        let fraction_at = object.optional("volume_fraction");
+        let maximizes = fraction_at.as_ref().is_some_and(|at| at.value() == MAXIMIZE);
+        if let Some(at) = fraction_at.as_ref().filter(|_| !maximizes) {
+            at.fault(
+                "an explicit list of diameters prescribes the volume: leave this field out, or set it to \"maximize\", \
+                 which scales all diameters of the list by one factor",
+            );
+        }
+        if let Some(at) = &content_at {
             at.fault("an explicit list of diameters prescribes the volume: leave this field out");
         }
-        return (None, None);
+        return (maximizes.then_some(VolumeFraction::Maximize), None);
     }
     let Some(content_at) = content_at else {
-        return (object.required("volume_fraction").and_then(|at| at.number(FRACTION)), None);
+        return (object.required("volume_fraction").and_then(|at| read_volume_fraction(&at)), None);
     };
-    if object.optional("volume_fraction").is_some() {
-        content_at.fault("the mix has a volume_fraction too: leave one of the two out");
+    if let Some(at) = object.optional("volume_fraction") {
+        if at.value() == MAXIMIZE {
+            at.fault(
+                "\"maximize\" leaves the volume open, and `proportions` prescribe it: leave one of the two out",
+            );
+        } else {
+            content_at.fault("the mix has a volume_fraction too: leave one of the two out");
+        }
         return (None, None);
     }
     let density_kg_m3 = aggregates.and_then(mean_density_kg_m3);
     (None, read_proportions(&content_at, density_kg_m3))
+}
+
+fn read_volume_fraction(at: &At<'_>) -> Option<VolumeFraction> {
+    if at.value().is_string() {
+        return at.choice(&[(MAXIMIZE, VolumeFraction::Maximize)]);
+    }
+    at.number(FRACTION).map(VolumeFraction::Of)
 }

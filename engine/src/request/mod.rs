@@ -78,7 +78,71 @@ pub struct PackingRequest {
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Segregation::is_none")]
     pub segregation: Segregation,
+    /// What becomes of a run that a limit or a jam ends before its target.
+    #[cfg_attr(feature = "openapi", schema(default = "fail", required = false))]
+    #[serde(skip_serializing_if = "OnLimit::is_fail")]
+    pub on_limit: OnLimit,
 }
+
+impl PackingRequest {
+    /// The request without what bounds its run: the limits of its method, and what becomes of a run that meets one. A
+    /// run goes on with other limits where it was.
+    #[must_use]
+    pub fn without_limits(&self) -> Self {
+        let method = match self.method {
+            Method::Edmd { options } => {
+                Method::Edmd { options: EdmdOptions { stop: EdmdStop::default(), ..options } }
+            }
+            Method::MonteCarlo { .. } => Method::MonteCarlo { stop: MonteCarloStop::default() },
+            other @ (Method::Auto {} | Method::Rsa { .. }) => other,
+        };
+        Self { method, on_limit: OnLimit::Fail, ..self.clone() }
+    }
+}
+
+/// What becomes of a run that a limit of time or events, a jam, or saturation ends before its target.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum OnLimit {
+    /// It fails with `target-not-reached`, or with `timed-out` where `timeout_s` ended it.
+    #[default]
+    Fail,
+    /// It succeeds with the packing that was reached. `summary.partial` of the result states how far it came: grains
+    /// that grow are scaled by one factor, the largest at which every pair and every wall keeps its full distance;
+    /// random addition keeps the grains that it placed, without the finest.
+    Keep,
+}
+
+impl OnLimit {
+    /// Whether such a run fails.
+    #[allow(clippy::trivially_copy_pass_by_ref)] // Serde hands over a reference.
+    #[must_use]
+    pub fn is_fail(&self) -> bool {
+        *self == Self::Fail
+    }
+}
+
+/// How much aggregate a mix has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum VolumeFraction {
+    /// This volume over that of the specimen.
+    Of(f64),
+    /// As much as the method reaches: the grains grow until they jam, or until the limits of the method.
+    Maximize,
+}
+
+impl Serialize for VolumeFraction {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Of(fraction) => serializer.serialize_f64(*fraction),
+            Self::Maximize => serializer.serialize_str(MAXIMIZE),
+        }
+    }
+}
+
+/// The volume fraction of [`VolumeFraction::Maximize`] in JSON.
+pub(crate) const MAXIMIZE: &str = "maximize";
 
 /// The region that grains are placed in.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -134,11 +198,11 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aggregates: Vec<Aggregate>,
-    /// Volume of the aggregate over that of the specimen. Either this or `proportions` is required, except for the
-    /// grading `diameters`, which prescribes it.
-    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-9, maximum = 1))]
+    /// Volume of the aggregate over that of the specimen, or `"maximize"`: as dense as these grains get. Either this or
+    /// `proportions` is required, except for the grading `diameters`, which prescribes it unless it is `"maximize"`.
+    #[cfg_attr(feature = "openapi", schema(required = false, schema_with = schema::volume_fraction))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub volume_fraction: Option<f64>,
+    pub volume_fraction: Option<VolumeFraction>,
     /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that `volume_fraction_of` is
     /// `all_aggregate`.
     #[cfg_attr(feature = "openapi", schema(required = false))]
@@ -198,9 +262,18 @@ impl Mix {
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;
-    /// `None` where explicit diameters prescribe it.
+    /// `None` where explicit diameters prescribe it, or where it is to be as large as possible.
     pub fn requested_fraction(&self) -> Option<f64> {
-        self.volume_fraction.or_else(|| self.proportions.as_ref().map(MixProportions::aggregate_fraction))
+        match self.volume_fraction {
+            Some(VolumeFraction::Of(fraction)) => Some(fraction),
+            Some(VolumeFraction::Maximize) => None,
+            None => self.proportions.as_ref().map(MixProportions::aggregate_fraction),
+        }
+    }
+
+    /// Whether the volume fraction is to be as large as possible.
+    pub fn maximizes_volume_fraction(&self) -> bool {
+        self.volume_fraction == Some(VolumeFraction::Maximize)
     }
 
     /// JSON pointer of the field that says how much aggregate there is.

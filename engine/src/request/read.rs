@@ -9,7 +9,8 @@ use super::mix::read_mix;
 use super::monte_carlo;
 use super::segregation::read_segregation;
 use super::{
-    Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Method, PackingRequest, Segregation, Specimen,
+    Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Method, Mix, OnLimit, PackingRequest,
+    Segregation, Specimen,
 };
 
 const GAP: Bound = Bound::closed(0.0, MAX_LENGTH_MM, "mm");
@@ -79,7 +80,8 @@ impl PackingRequest {
             None => Some(seed),
         };
         let specimen = object.required("specimen").and_then(|at| read_specimen(&at));
-        let mix = object.required("mix").and_then(|at| read_mix(&at));
+        let mix_at = object.required("mix");
+        let mix = mix_at.as_ref().and_then(read_mix);
         let distance_at = object.optional("distance");
         let distance = match &distance_at {
             Some(at) => read_distance(at),
@@ -95,6 +97,13 @@ impl PackingRequest {
             Some(at) => read_segregation(at, specimen.as_ref()),
             None => Some(Segregation::None {}),
         };
+        let on_limit = match object.optional("on_limit") {
+            Some(at) => at.choice(&[("fail", OnLimit::Fail), ("keep", OnLimit::Keep)]),
+            None => Some(OnLimit::Fail),
+        };
+        if let (Some(at), Some(mix)) = (&mix_at, &mix) {
+            judge_maximum(at, mix, distance.as_ref(), method.as_ref())?;
+        }
         if let Some(mix) = &mix {
             let has_shapes = mix.has_shapes();
             let fault = match (&method_at, &method) {
@@ -130,8 +139,30 @@ impl PackingRequest {
             distance: distance?,
             method: method?,
             segregation: segregation?,
+            on_limit: on_limit?,
         })
     }
+}
+
+/// Judges a volume fraction that is to be as large as possible beside a distance and a method.
+fn judge_maximum(
+    mix_at: &At<'_>,
+    mix: &Mix,
+    distance: Option<&Distance>,
+    method: Option<&Method>,
+) -> Option<()> {
+    if !mix.maximizes_volume_fraction() {
+        return Some(());
+    }
+    let detail = if let Some(Method::Rsa { .. }) = method {
+        "\"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\""
+    } else if let Some(Distance::Maximize { .. }) = distance {
+        "\"maximize\" needs a given distance: the distance must be another than \"maximize\", or this a number"
+    } else {
+        return Some(());
+    };
+    mix_at.fault_below("/volume_fraction", detail);
+    None
 }
 
 impl Specimen {

@@ -4,7 +4,7 @@ use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop};
+use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop, VolumeFraction};
 use super::*;
 
 fn valid() -> Value {
@@ -349,7 +349,7 @@ fn a_request_built_in_code_is_held_to_the_same_bounds() {
     let refused = crate::pack(&negative, &crate::Limits::default(), &crate::Unattended);
     assert!(matches!(refused, Err(crate::PackError::Plan(crate::PlanError::Invalid(_)))), "{refused:?}");
     let mut missing = valid.clone();
-    missing.mix.volume_fraction = Some(f64::NAN);
+    missing.mix.volume_fraction = Some(VolumeFraction::Of(f64::NAN));
     assert_eq!(pointers(&missing), ["/mix/volume_fraction"]);
     let mut endless = valid;
     endless.distance = Distance::None { wall_gap_mm: Some(f64::INFINITY) };

@@ -2,15 +2,38 @@
 
 use serde_json::json;
 use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, ObjectBuilder, Schema, Type};
+use utoipa::openapi::schema::{
+    Array, ArrayBuilder, ArrayItems, ObjectBuilder, OneOfBuilder, Schema, SchemaType, Type,
+};
 
-use super::{GrainShape, MAX_LENGTH_MM, MIN_LENGTH_MM, PlainShape};
+use super::{GrainShape, MAX_LENGTH_MM, MAXIMIZE, MIN_LENGTH_MM, MIN_SHARE, PlainShape};
 use crate::shape::AxisRatios;
 
 /// A length in mm.
 fn length() -> RefOr<Schema> {
     let number = ObjectBuilder::new().schema_type(Type::Number);
     Schema::from(number.minimum(Some(MIN_LENGTH_MM)).maximum(Some(MAX_LENGTH_MM)).build()).into()
+}
+
+/// A volume fraction, or the word for the largest one.
+pub(crate) fn volume_fraction() -> Schema {
+    let number = ObjectBuilder::new()
+        .schema_type(SchemaType::from_iter([Type::Number, Type::Null]))
+        .minimum(Some(MIN_SHARE))
+        .maximum(Some(1));
+    let word = ObjectBuilder::new().schema_type(Type::String).enum_values(Some([MAXIMIZE]));
+    let either = OneOfBuilder::new()
+        .item(number)
+        .item(word)
+        .description(Some(
+            "Volume of the aggregate over that of the specimen, or `\"maximize\"`: as dense as these grains get, with \
+             their distances kept. Numbers of grains are drawn for the volume fraction that growth is expected to \
+             reach, then all sizes are scaled by one factor, `summary.size_scale` of the result; `method.stop` bounds \
+             the run and is its normal end. Either this or `proportions` is required, except for the grading \
+             `diameters`, which prescribes the volume unless this is `\"maximize\"`.",
+        ))
+        .build();
+    Schema::OneOf(either)
 }
 
 /// The edge lengths of a box.

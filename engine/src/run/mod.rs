@@ -1,6 +1,18 @@
 //! One run from request to checked packing: size sampling, packing, check.
+//!
+//! A run that ends before its target may keep its packing ([`partial`]): all sizes are then scaled by one factor
+//! ([`size_scale`]). Where the volume fraction is to be as large as possible ([`densest`]) they always are.
 
+mod densest;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod densest_tests;
+mod partial;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod partial_tests;
 mod shaped;
+mod size_scale;
 mod spheres;
 mod verify;
 mod verify_run;
@@ -11,24 +23,27 @@ use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use crate::analysis::{separation, shape_report};
-use crate::check::{self, Check, Scope};
+use crate::check::{self, Check, Extent, Scope};
 use crate::checkpoint::Resume;
-use crate::control::{Control, Part, Phase, Progress};
+use crate::control::{Control, Finish, Part, Phase, Progress};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory::{self, OutOfMemory};
+use crate::methods::edmd::ToJamming;
 use crate::methods::rsa::End;
 use crate::mix::sampling::{Diameters, sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
-    CheckReport, Grains, GrainsRef, GrowthPoint, MethodUsed, Packing, Report, RsaStatistics,
-    SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
+    CheckReport, Grains, GrainsRef, GrowthEnd, GrowthPoint, MethodUsed, Packing, PartialReason, Report,
+    RsaStatistics, SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, PackingRequest, Segregation};
+use crate::request::{Distance, Method, OnLimit, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, Solid};
+use partial::{Kept, Short};
 
+pub use partial::checked_as;
 pub use verify::{VerifyError, verify, verify_failure};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
@@ -58,54 +73,60 @@ pub fn pack_or_resume(
 ) -> Result<Packing, PackError> {
     request.validate().map_err(PlanError::Invalid)?;
     let plan = Plan::new(request, limits)?;
-    let start = Instant::now();
+    let started = Instant::now();
     let control: &dyn Control = &Part::new(control, 0.0, 1.0);
-    control.report(&Progress {
-        phase: Phase::Sampling,
-        fraction: 0.0,
-        done: 0,
-        total: 0,
-        unit: "grains",
-        message: "drawing diameters".into(),
-        growth: None,
-    });
-    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let sampled = Sampled::draw(request, &mix, control)?;
-    let coarse =
-        deviation::judge_volume(&request.mix, &mix, sampled.volume_mm3()).map_err(PlanError::Coarse)?;
-    let sampling_s = start.elapsed().as_secs_f64();
-
-    let placed = match sampled {
-        Sampled::Spheres(Diameters { d_mm, parts }) => {
-            let job = spheres::Job {
-                request,
-                mix: &mix,
-                diameters: &d_mm,
-                aggregate: &parts,
-                growth: plan.growth,
-                threads: limits.threads,
-            };
-            spheres::place(&job, &plan, resume, control)?
-        }
-        Sampled::Solids(solids) => shaped::place(request, &mix, solids, &plan, resume.as_ref(), control)?,
-    };
-
+    if request.mix.maximizes_volume_fraction() {
+        return densest::pack(request, &plan, limits, resume, control, started);
+    }
+    let drawn = Drawn::new(request, control)?;
+    let coarse = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3())
+        .map_err(PlanError::Coarse)?;
+    let sampling_s = started.elapsed().as_secs_f64();
+    let Drawn { mix, sampled } = drawn;
+    let grains_requested = sampled.len() as u64;
+    let run = Growing { request, plan: &plan, to_jamming: None, threads: limits.threads };
+    let mut placed = run.place(&mix, sampled, resume, control)?;
+    let kept = partial::sized(request, &mut placed, grains_requested)?;
     let checked = as_checked(request, placed.distance_mm);
+    let times = Times { started, sampling_s };
+    finished(placed, &Finishing { checked: &checked, mix: &mix, coarse, kept, times, limits }, control)
+}
+
+/// When a run began, and the time of sampling in s.
+#[derive(Clone, Copy)]
+struct Times {
+    started: Instant,
+    sampling_s: f64,
+}
+
+/// What the report of grains that are placed follows from besides them.
+struct Finishing<'a> {
+    /// The request with the volume fraction that was drawn and the distance that was reached.
+    checked: &'a PackingRequest,
+    mix: &'a GradedMix,
+    coarse: Option<String>,
+    kept: Kept,
+    times: Times,
+    limits: &'a Limits,
+}
+
+/// The packing of grains that are placed, at their final sizes, once they have passed the check.
+fn finished(placed: Placed, of: &Finishing<'_>, control: &dyn Control) -> Result<Packing, PackError> {
     let checking = Instant::now();
-    let check = judged(&placed.grains, &checked, limits.threads, control)?;
+    let check = judged(&placed.grains, of.checked, of.kept.extent(placed.grains.len()), of.limits, control)?;
     let check_s = checking.elapsed().as_secs_f64();
     let found = (&placed.grains, placed.method_used, check);
-    let figures = Figures::new(request, &checked, &mix, coarse, found)?;
+    let figures = Figures::new(of.checked, of.mix, of.coarse.clone(), found, &of.kept)?;
     Ok(Packing {
         report: Report {
             summary: figures.summary,
             timings_s: Timings {
-                sampling: sampling_s,
+                sampling: of.times.sampling_s,
                 rsa: placed.rsa_s,
                 edmd: placed.growth_s.filter(|_| placed.statistics.edmd.is_some()),
                 monte_carlo: placed.growth_s.filter(|_| placed.statistics.monte_carlo.is_some()),
                 check: check_s,
-                total: start.elapsed().as_secs_f64(),
+                total: of.times.started.elapsed().as_secs_f64(),
             },
             statistics: placed.statistics,
             check: figures.check,
@@ -116,6 +137,86 @@ pub fn pack_or_resume(
         },
         grains: placed.grains,
     })
+}
+
+/// How grains that are drawn are placed.
+#[derive(Clone, Copy)]
+struct Growing<'a> {
+    request: &'a PackingRequest,
+    plan: &'a Plan,
+    /// Growth beyond the requested size.
+    to_jamming: Option<ToJamming>,
+    threads: NonZeroUsize,
+}
+
+impl Growing<'_> {
+    fn place(
+        &self,
+        mix: &GradedMix,
+        sampled: Sampled,
+        resume: Option<Resume>,
+        control: &dyn Control,
+    ) -> Result<Placed, PackError> {
+        match sampled {
+            Sampled::Spheres(Diameters { d_mm, parts }) => {
+                let job = spheres::Job { run: *self, mix, diameters: &d_mm, aggregate: &parts };
+                spheres::place(&job, resume, control)
+            }
+            Sampled::Solids(solids) => shaped::place(self, mix, solids, resume.as_ref(), control),
+        }
+    }
+
+    /// Whether growth that reached a scale fell short of what is requested: its size, or, where it is to go as far as
+    /// it goes, the end that it comes to by itself.
+    fn is_short(&self, scale: f64, end: GrowthEnd) -> bool {
+        end == GrowthEnd::Finished || scale < 1.0 && self.to_jamming.is_none()
+    }
+
+    /// Why a packing is kept of growth that ended so; `None` where it is not.
+    fn kept_reason(&self, end: GrowthEnd, control: &dyn Control) -> Option<PartialReason> {
+        match end {
+            GrowthEnd::Finished => Some(finish_reason(control)),
+            _ if self.request.on_limit == OnLimit::Fail => None,
+            GrowthEnd::TimeLimit => Some(PartialReason::TimeLimit),
+            GrowthEnd::EventLimit | GrowthEnd::SweepLimit => Some(PartialReason::EventLimit),
+            GrowthEnd::Stalled | GrowthEnd::Target => Some(PartialReason::Stalled),
+        }
+    }
+
+    fn is_list(&self) -> bool {
+        self.request.mix.listed_diameters_mm().is_some()
+    }
+}
+
+/// Why a run was to finish.
+fn finish_reason(control: &dyn Control) -> PartialReason {
+    match control.should_finish() {
+        Some(Finish::TimedOut) => PartialReason::TimedOut,
+        Some(Finish::Requested) | None => PartialReason::Finished,
+    }
+}
+
+/// The grains that a seed draws, and the mix that they are of.
+struct Drawn {
+    mix: GradedMix,
+    sampled: Sampled,
+}
+
+impl Drawn {
+    fn new(request: &PackingRequest, control: &dyn Control) -> Result<Self, PackError> {
+        control.report(&Progress {
+            phase: Phase::Sampling,
+            fraction: 0.0,
+            done: 0,
+            total: 0,
+            unit: "grains",
+            message: "drawing diameters".into(),
+            growth: None,
+        });
+        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+        let sampled = Sampled::draw(request, &mix, control)?;
+        Ok(Self { mix, sampled })
+    }
 }
 
 /// The request by which a packing is checked: what was found to be the largest distance is checked like one that is
@@ -140,29 +241,31 @@ struct Figures {
 impl Figures {
     /// Of grains that were drawn with the warning `coarse`, and passed their check by the request `checked`.
     fn new(
-        request: &PackingRequest,
         checked: &PackingRequest,
         mix: &GradedMix,
         coarse: Option<String>,
         (grains, method_used, check): (&Grains, MethodUsed, Check),
+        kept: &Kept,
     ) -> Result<Self, OutOfMemory> {
         let rule = DistanceRule::new(&checked.distance, &checked.specimen);
         let mut warnings: Vec<String> = coarse.into_iter().collect();
-        warnings.extend(mix_warnings(request, mix));
-        if mix.list.is_none() {
+        warnings.extend(mix_warnings(checked, mix));
+        if mix.list.is_none() && kept.extent(grains.len()) == Extent::WHOLE {
             warnings.extend(deviation::class_warning(&check.classes));
             warnings.extend(deviation::aggregate_warning(&check.aggregates));
         }
-        let segregation = match &request.segregation {
+        let segregation = match &checked.segregation {
             Segregation::Gradient { field, .. } => {
                 memory::probe(SEPARATION_BYTES_PER_GRAIN.saturating_mul(grains.len()))?;
-                Some(separation(grains, &request.specimen, &rule, *field, request.seed))
+                Some(separation(grains, &checked.specimen, &rule, *field, checked.seed))
             }
             Segregation::None {} => None,
         };
         let found = check.found;
+        let summary = kept.in_summary(summary(mix, &rule, grains, method_used, check), mix, checked);
+        warnings.extend(partial::warning(&summary));
         Ok(Self {
-            summary: summary(mix, &rule, grains, method_used, check),
+            summary,
             check: found,
             warnings,
             segregation,
@@ -188,6 +291,27 @@ impl Sampled {
         sample_shaped(mix, &mut sizes, &mut forms, &should_stop).map(|drawn| Self::Solids(drawn.grains))
     }
 
+    fn len(&self) -> usize {
+        match self {
+            Self::Spheres(diameters) => diameters.d_mm.len(),
+            Self::Solids(solids) => solids.len(),
+        }
+    }
+
+    /// Leaves the largest grains, so many of them.
+    fn truncate(&mut self, grains: usize) {
+        match self {
+            Self::Spheres(Diameters { d_mm, parts }) => {
+                d_mm.truncate(grains);
+                parts.truncate(grains);
+            }
+            Self::Solids(solids) => {
+                solids.shapes.truncate(grains);
+                solids.aggregate.truncate(grains);
+            }
+        }
+    }
+
     fn volume_mm3(&self) -> f64 {
         match self {
             Self::Spheres(diameters) => diameters.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
@@ -211,6 +335,10 @@ struct Placed {
     rsa_s: f64,
     growth_s: Option<f64>,
     method_used: MethodUsed,
+    /// Size that growth reached over the requested one; 1 without growth.
+    scale: f64,
+    /// Why the run ended before its target, where its packing is kept all the same.
+    short: Option<Short>,
 }
 
 impl Placed {
@@ -220,8 +348,13 @@ impl Placed {
     }
 }
 
-/// Grains that random sequential addition inserted, all of them.
-fn inserted(grains: Grains, statistics: RsaStatistics, started: Instant) -> Placed {
+/// Grains that random sequential addition inserted, all of them unless it ended short.
+fn inserted(
+    grains: Grains,
+    statistics: RsaStatistics,
+    started: Instant,
+    short: Option<PartialReason>,
+) -> Placed {
     Placed {
         grains,
         statistics: Statistics { rsa: Some(statistics), ..Statistics::default() },
@@ -230,17 +363,41 @@ fn inserted(grains: Grains, statistics: RsaStatistics, started: Instant) -> Plac
         rsa_s: started.elapsed().as_secs_f64(),
         growth_s: None,
         method_used: MethodUsed::Rsa,
+        scale: 1.0,
+        short: short.map(|reason| Short { reason, failure: None }),
+    }
+}
+
+/// Why the grains are kept that random sequential addition placed before it ended, at least one; `None` where they are
+/// not.
+fn kept_insertion(
+    run: &Growing<'_>,
+    end: End,
+    placed: usize,
+    control: &dyn Control,
+) -> Option<PartialReason> {
+    match end {
+        _ if placed == 0 => None,
+        // Growth follows where the method leaves the choice.
+        End::InsertionFailed { .. } => {
+            let is_kept =
+                run.request.on_limit == OnLimit::Keep && matches!(run.request.method, Method::Rsa { .. });
+            is_kept.then_some(PartialReason::Saturated)
+        }
+        End::Stopped if control.should_finish().is_some() && !control.should_stop() => {
+            Some(finish_reason(control))
+        }
+        End::Stopped | End::Complete | End::OutOfMemory { .. } => None,
     }
 }
 
 /// The end of a random sequential addition that has not inserted all grains. `diameter_mm` is the diameter of the
-/// sphere
-/// that has the volume of a grain, by its rank.
+/// sphere that has the volume of a grain, by its rank.
 fn not_inserted(
     end: End,
     [placed, grains]: [usize; 2],
     diameter_mm: impl Fn(usize) -> f64,
-    specimen_mm3: f64,
+    (specimen_mm3, is_list): (f64, bool),
 ) -> PackError {
     let fraction = |n: usize| fraction_of(n, &diameter_mm, specimen_mm3);
     match end {
@@ -253,6 +410,7 @@ fn not_inserted(
                 volume_fraction_asked: fraction(grains),
                 saturation_proven,
                 attempts,
+                is_list,
             }))
         }
         End::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
@@ -285,11 +443,12 @@ fn stopped(placed: usize, grains: usize) -> PackError {
 fn judged(
     grains: &Grains,
     request: &PackingRequest,
-    threads: NonZeroUsize,
+    extent: Extent,
+    limits: &Limits,
     control: &dyn Control,
 ) -> Result<Check, PackError> {
     let share = Part::new(control, PACKING_SHARE, 1.0);
-    let checked = check::check_grains(grains, request, Scope::All, threads, &share);
+    let checked = check::check_grains(grains, request, extent, Scope::All, limits.threads, &share);
     let number = grains.len() as u64;
     let checked = checked.map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: number, grains: number },
@@ -331,5 +490,8 @@ fn summary(
         d_max_mm: grains.diameters_mm().next().unwrap_or(0.0),
         classes,
         aggregates,
+        size_scale: None,
+        volume_fraction_drawn: None,
+        partial: None,
     }
 }

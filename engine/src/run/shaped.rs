@@ -3,11 +3,14 @@
 use std::time::Instant;
 
 use super::spheres::RSA_TIME_EXPONENT;
-use super::{PACKING_SHARE, Placed, distance_asked_mm, inserted, not_grown, not_inserted, stopped};
+use super::{
+    Growing, PACKING_SHARE, Placed, Short, distance_asked_mm, inserted, kept_insertion, not_grown,
+    not_inserted, stopped,
+};
 use crate::checkpoint::{Checkpoint, Resume};
-use crate::control::{Control, Part};
+use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthEffort, GrowthStopped, PackError};
+use crate::error::{GrowthEffort, GrowthStopped, PackError, TargetNotReached};
 use crate::gap::grain::ConvexShape;
 use crate::memory::{collected, reserved};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
@@ -15,15 +18,14 @@ use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::{MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Solids, Statistics};
-use crate::plan::Plan;
-use crate::request::{Distance, GrainKind, Method, MonteCarloStop, PackingRequest};
+use crate::request::{Distance, GrainKind, Method, MonteCarloStop, OnLimit};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::{Pose, Solid};
 
 /// A run whose shapes are drawn.
 struct Job<'a, S> {
-    request: &'a PackingRequest,
+    run: &'a Growing<'a>,
     mix: &'a GradedMix,
     /// By equivalent diameter from the largest down.
     shapes: Vec<S>,
@@ -34,12 +36,15 @@ fn poses_alone(poses: Vec<Pose>) -> Grains {
     Grains::Solids(Solids { poses, ..Solids::default() })
 }
 
-/// What was placed by its poses alone, with the shapes, templates and aggregates of the grains.
-fn with_shapes(placed: Placed, solids: Solids) -> Placed {
+/// What was placed by its poses alone, with the shapes, templates and aggregates of the grains: of the first of them,
+/// where not all were placed.
+fn with_shapes(placed: Placed, mut solids: Solids) -> Placed {
     let poses = match placed.grains {
         Grains::Solids(Solids { poses, .. }) => poses,
         Grains::Spheres(_) => Vec::new(),
     };
+    solids.shapes.truncate(poses.len());
+    solids.aggregate.truncate(poses.len());
     Placed { grains: Grains::Solids(Solids { poses, ..solids }), ..placed }
 }
 
@@ -51,13 +56,13 @@ enum Route {
 }
 
 /// What `auto` amounts to: whichever will be done sooner.
-fn route(request: &PackingRequest, plan: &Plan) -> Route {
+fn route(run: &Growing<'_>) -> Route {
+    let request = run.request;
+    let grows = run.to_jamming.is_some() || matches!(request.distance, Distance::Maximize { .. });
     match request.method {
         Method::Rsa { attempts_per_grain } => Route::Rsa { attempts_per_grain },
         Method::MonteCarlo { stop } => Route::MonteCarlo(stop),
-        Method::Auto {} if plan.places_first && !matches!(request.distance, Distance::Maximize { .. }) => {
-            Route::RsaThenMonteCarlo
-        }
+        Method::Auto {} if run.plan.places_first && !grows => Route::RsaThenMonteCarlo,
         // Reading a request refuses event-driven dynamics for grains with a shape.
         Method::Auto {} | Method::Edmd { .. } => Route::MonteCarlo(MonteCarloStop::default()),
     }
@@ -68,10 +73,9 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
 /// # Errors
 /// See [`PackError`].
 pub(super) fn place(
-    request: &PackingRequest,
+    run: &Growing<'_>,
     mix: &GradedMix,
     mut solids: Solids,
-    plan: &Plan,
     resume: Option<&Resume>,
     control: &dyn Control,
 ) -> Result<Placed, PackError> {
@@ -81,24 +85,23 @@ pub(super) fn place(
         shapes.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
         // They are there once.
         solids.shapes = Vec::new();
-        let (placed, shapes) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
+        let (placed, shapes) = place_shapes(Job { run, mix, shapes }, resume, control)?;
         solids.shapes = collected(shapes.into_iter().map(Solid::Ellipsoid))?;
         return Ok(with_shapes(placed, solids));
     }
     let shapes = collected((0..solids.len()).map(|grain| solids.shape(grain)))?;
-    let (placed, _) = place_shapes(Job { request, mix, shapes }, plan, resume, control)?;
+    let (placed, _) = place_shapes(Job { run, mix, shapes }, resume, control)?;
     Ok(with_shapes(placed, solids))
 }
 
 /// Places the shapes of a job, by their poses alone, and gives them back.
 fn place_shapes<S: ConvexShape>(
     job: Job<'_, S>,
-    plan: &Plan,
     resume: Option<&Resume>,
     control: &dyn Control,
 ) -> Result<(Placed, Vec<S>), PackError> {
     let share = &Part::new(control, 0.0, PACKING_SHARE);
-    match route(job.request, plan) {
+    match route(job.run) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenMonteCarlo if resume.is_none() => {
             match job.insert(None, MOST_DRAWS_BEFORE_GROWTH, share) {
@@ -128,16 +131,16 @@ impl<S: ConvexShape> Job<'_, S> {
     }
 
     fn rule(&self) -> DistanceRule {
-        DistanceRule::new(&self.request.distance, &self.request.specimen)
+        DistanceRule::new(&self.run.request.distance, &self.run.request.specimen)
     }
 
     /// The gradient of the request, where it has one.
     fn preference(&self) -> Result<Option<Preference>, PackError> {
-        if self.request.segregation.is_none() {
+        if self.run.request.segregation.is_none() {
             return Ok(None);
         }
         let diameters = collected(self.shapes.iter().map(ConvexShape::equivalent_diameter_mm))?;
-        Ok(Preference::new(self.request, &diameters))
+        Ok(Preference::new(self.run.request, &diameters))
     }
 
     /// Random sequential addition, with a bound on the draws for a grain where the attempts have none.
@@ -148,24 +151,28 @@ impl<S: ConvexShape> Job<'_, S> {
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
         let start = Instant::now();
-        let orientation = self.request.mix.orientation;
+        let request = self.run.request;
+        let orientation = request.mix.orientation;
         let rsa = ShapeRsa {
             shapes: &self.shapes,
-            specimen: &self.request.specimen,
+            specimen: &request.specimen,
             rule: self.rule(),
             attempts_per_grain,
             orientation: &|rng| draw_orientation(&orientation, rng),
         };
-        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let part = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let control = StopToFinish::new(&part);
         let preference = self.preference()?;
-        let mut rng = stream(self.request.seed, Stream::Rsa);
+        let mut rng = stream(request.seed, Stream::Rsa);
         let outcome = rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, &control);
-        if outcome.end == End::Complete {
-            return Ok(inserted(poses_alone(outcome.poses), outcome.statistics, start));
+        let placed = outcome.poses.len();
+        let short = kept_insertion(self.run, outcome.end, placed, &part);
+        if outcome.end == End::Complete || short.is_some() {
+            return Ok(inserted(poses_alone(outcome.poses), outcome.statistics, start, short));
         }
-        let counts = [outcome.poses.len(), self.shapes.len()];
         let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
-        Err(not_inserted(outcome.end, counts, diameter_mm, self.mix.specimen_volume_mm3))
+        let of = (self.mix.specimen_volume_mm3, self.run.is_list());
+        Err(not_inserted(outcome.end, [placed, self.shapes.len()], diameter_mm, of))
     }
 
     /// Hard-particle Monte Carlo.
@@ -176,26 +183,29 @@ impl<S: ConvexShape> Job<'_, S> {
         control: &dyn Control,
     ) -> Result<(Placed, Vec<S>), PackError> {
         let (number, volume_fraction_asked) = (self.shapes.len(), self.volume_fraction());
-        let orientation = self.request.mix.orientation;
-        let maximize = match self.request.distance {
+        let (run, request) = (self.run, self.run.request);
+        let orientation = request.mix.orientation;
+        let maximize = match request.distance {
             Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
             _ => None,
         };
         let preference = self.preference()?;
         let method = MonteCarlo {
             shapes: &[],
-            specimen: &self.request.specimen,
+            specimen: &request.specimen,
             rule: self.rule(),
             maximize,
+            to_jamming: run.to_jamming.map(|to| monte_carlo::ToJamming { within: to.within }),
             initial_scale: None,
             swap: true,
             limits: monte_carlo::Limits { time_s: stop.time_s, sweeps: stop.sweeps },
             orientation: &|rng| draw_orientation(&orientation, rng),
-            seed: self.request.seed,
+            seed: request.seed,
             preference: preference.as_ref(),
-            keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(self.request, write))),
+            keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(request, write))),
+            keeps_partial: request.on_limit == OnLimit::Keep,
         };
-        let distance_mm_asked = distance_asked_mm(self.request);
+        let distance_mm_asked = distance_asked_mm(request);
         let body = resume.map(|resume| resume.body.as_slice());
         let ran = method.run_with_own(self.shapes, body, control);
         let (outcome, shapes) = ran.map_err(|interrupted| match interrupted {
@@ -210,6 +220,7 @@ impl<S: ConvexShape> Job<'_, S> {
                 scale_reached: 0.0,
                 effort: GrowthEffort::Cycles { cycles: 0, moves: 0 },
                 end: GrowthEnd::Stalled,
+                is_list: run.is_list(),
             }),
         })?;
         let end = match outcome.end {
@@ -217,10 +228,11 @@ impl<S: ConvexShape> Job<'_, S> {
             monte_carlo::End::Stalled => GrowthEnd::Stalled,
             monte_carlo::End::TimeLimit => GrowthEnd::TimeLimit,
             monte_carlo::End::SweepLimit => GrowthEnd::SweepLimit,
+            monte_carlo::End::Finished => GrowthEnd::Finished,
         };
         let counted = outcome.statistics;
-        if outcome.scale < 1.0 {
-            return Err(not_grown(GrowthStopped {
+        let short = run.is_short(outcome.scale, end).then(|| {
+            let failure = TargetNotReached::GrowthStopped(GrowthStopped {
                 grains: number as u64,
                 volume_fraction_reached: outcome.volume_fraction,
                 volume_fraction_asked,
@@ -229,8 +241,11 @@ impl<S: ConvexShape> Job<'_, S> {
                 scale_reached: outcome.scale,
                 effort: GrowthEffort::Cycles { cycles: counted.cycles, moves: counted.moves_tried },
                 end,
-            }));
-        }
+                is_list: run.is_list(),
+            });
+            Short::new(run.kept_reason(end, control), failure)
+        });
+        let short = short.transpose()?;
         let growth_curve = outcome.growth_curve.iter().map(|point| GrowthPoint {
             packing_time_s: point.packing_time_s,
             simulated_time_s: None,
@@ -263,6 +278,8 @@ impl<S: ConvexShape> Job<'_, S> {
             rsa_s: outcome.rsa_s,
             growth_s: Some(outcome.growth_s),
             method_used: MethodUsed::MonteCarlo,
+            scale: outcome.scale,
+            short,
             grains: poses_alone(outcome.poses),
         };
         Ok((placed, shapes))

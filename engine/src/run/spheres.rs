@@ -1,20 +1,20 @@
 //! A run whose grains are spheres: random sequential addition, event-driven molecular dynamics, or both.
 
-use std::num::NonZeroUsize;
 use std::time::Instant;
 
-use super::{PACKING_SHARE, Placed, distance_asked_mm, inserted, not_grown, not_inserted, stopped};
+use super::{
+    Growing, PACKING_SHARE, Placed, Short, distance_asked_mm, inserted, kept_insertion, not_inserted, stopped,
+};
 use crate::checkpoint::Resume;
-use crate::control::{Control, Part};
+use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthEffort, GrowthStopped, PackError};
+use crate::error::{GrowthEffort, GrowthStopped, PackError, TargetNotReached};
 use crate::memory::{OutOfMemory, collected, copied};
-use crate::methods::edmd::{Edmd, Expected, Interrupted};
+use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, sphere_volume};
 use crate::packing::{Grains, MethodUsed, Spheres, Statistics};
-use crate::plan::Plan;
-use crate::request::{Distance, EdmdOptions, Method, PackingRequest};
+use crate::request::{Distance, EdmdOptions, Method};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 
@@ -30,14 +30,14 @@ enum Route {
 }
 
 /// What `auto` amounts to: whichever will be done sooner.
-fn route(request: &PackingRequest, plan: &Plan) -> Route {
+fn route(run: &Growing<'_>) -> Route {
+    let request = run.request;
+    let grows = run.to_jamming.is_some() || matches!(request.distance, Distance::Maximize { .. });
     match request.method {
         Method::Rsa { attempts_per_grain } => Route::Rsa { attempts_per_grain },
         Method::Edmd { options } => Route::Edmd(options),
-        Method::Auto {} if matches!(request.distance, Distance::Maximize { .. }) => {
-            Route::Edmd(EdmdOptions::default())
-        }
-        Method::Auto {} if plan.places_first => Route::RsaThenEdmd,
+        Method::Auto {} if grows => Route::Edmd(EdmdOptions::default()),
+        Method::Auto {} if run.plan.places_first => Route::RsaThenEdmd,
         // Reading a request refuses hard-particle Monte Carlo for spheres.
         Method::Auto {} | Method::MonteCarlo { .. } => Route::Edmd(EdmdOptions::default()),
     }
@@ -45,14 +45,11 @@ fn route(request: &PackingRequest, plan: &Plan) -> Route {
 
 /// A run whose diameters are drawn.
 pub(super) struct Job<'a> {
-    pub(super) request: &'a PackingRequest,
+    pub(super) run: Growing<'a>,
     pub(super) mix: &'a GradedMix,
     pub(super) diameters: &'a [f64],
     /// The aggregate of each; empty where the mix names none.
     pub(super) aggregate: &'a [u16],
-    pub(super) growth: Expected,
-    /// Most threads; the packing does not depend on their number.
-    pub(super) threads: NonZeroUsize,
 }
 
 /// Packs spheres of these diameters by the method of the request, from a checkpoint where there is one.
@@ -61,12 +58,11 @@ pub(super) struct Job<'a> {
 /// See [`PackError`].
 pub(super) fn place(
     job: &Job<'_>,
-    plan: &Plan,
     resume: Option<Resume>,
     control: &dyn Control,
 ) -> Result<Placed, PackError> {
     let share = &Part::new(control, 0.0, PACKING_SHARE);
-    match route(job.request, plan) {
+    match route(&job.run) {
         // A checkpoint shows that growth had begun.
         Route::RsaThenEdmd if resume.is_none() => match job.place(None, share) {
             Err(PackError::TargetNotReached(_)) => {
@@ -82,14 +78,16 @@ pub(super) fn place(
 }
 
 impl Job<'_> {
+    /// Grains at these centres: as many as there are, from the largest down.
     fn spheres(&self, centers: &[[f64; 3]]) -> Result<Grains, OutOfMemory> {
         let column = |a: usize| collected(centers.iter().map(|p| p[a]));
+        let placed = centers.len();
         Ok(Grains::Spheres(Spheres {
             x_mm: column(0)?,
             y_mm: column(1)?,
             z_mm: column(2)?,
-            d_mm: copied(self.diameters)?,
-            aggregate: copied(self.aggregate)?,
+            d_mm: copied(&self.diameters[..placed])?,
+            aggregate: copied(self.aggregate.get(..placed).unwrap_or_default())?,
         }))
     }
 
@@ -100,22 +98,26 @@ impl Job<'_> {
     /// Random sequential addition.
     fn place(&self, attempts_per_grain: Option<u64>, control: &dyn Control) -> Result<Placed, PackError> {
         let start = Instant::now();
-        let preference = Preference::new(self.request, self.diameters);
+        let request = self.run.request;
+        let preference = Preference::new(request, self.diameters);
         let rsa = Rsa {
             diameters_mm: self.diameters,
-            specimen: &self.request.specimen,
-            rule: DistanceRule::new(&self.request.distance, &self.request.specimen),
+            specimen: &request.specimen,
+            rule: DistanceRule::new(&request.distance, &request.specimen),
             attempts_per_grain,
             preference: preference.as_ref(),
-            threads: self.threads,
+            threads: self.run.threads,
         };
-        let control = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
-        let outcome = rsa.run(&mut stream(self.request.seed, Stream::Rsa), &control);
-        if outcome.end == End::Complete {
-            return Ok(inserted(self.spheres(&outcome.centers_mm)?, outcome.statistics, start));
+        let part = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+        let control = StopToFinish::new(&part);
+        let outcome = rsa.run(&mut stream(request.seed, Stream::Rsa), &control);
+        let placed = outcome.centers_mm.len();
+        let short = kept_insertion(&self.run, outcome.end, placed, &part);
+        if outcome.end == End::Complete || short.is_some() {
+            return Ok(inserted(self.spheres(&outcome.centers_mm)?, outcome.statistics, start, short));
         }
-        let counts = [outcome.centers_mm.len(), self.diameters.len()];
-        Err(not_inserted(outcome.end, counts, |i| self.diameters[i], self.mix.specimen_volume_mm3))
+        let of = (self.mix.specimen_volume_mm3, self.run.is_list());
+        Err(not_inserted(outcome.end, [placed, self.diameters.len()], |i| self.diameters[i], of))
     }
 
     /// Event-driven molecular dynamics.
@@ -125,34 +127,40 @@ impl Job<'_> {
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
+        let request = self.run.request;
         let edmd = Edmd {
-            request: self.request,
+            request,
             options,
             diameters_mm: self.diameters,
-            expected: self.growth,
-            threads: self.threads,
+            expected: self.run.plan.growth,
+            threads: self.run.threads,
+            to_jamming: self.run.to_jamming,
         };
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => stopped(self.diameters.len(), self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
         })?;
         let statistics = outcome.statistics;
-        let maximize = matches!(self.request.distance, Distance::Maximize { .. });
-        if statistics.growth_scale < 1.0 {
-            return Err(not_grown(GrowthStopped {
+        let maximize = matches!(request.distance, Distance::Maximize { .. });
+        let is_short = self.run.is_short(statistics.growth_scale, statistics.stop);
+        let short = is_short.then(|| {
+            let failure = TargetNotReached::GrowthStopped(GrowthStopped {
                 grains: self.diameters.len() as u64,
                 volume_fraction_reached: outcome.volume_fraction,
                 volume_fraction_asked: self.volume_fraction(self.diameters),
                 distance_mm_reached: outcome.distance_mm,
-                distance_mm_asked: distance_asked_mm(self.request),
+                distance_mm_asked: distance_asked_mm(request),
                 scale_reached: statistics.growth_scale,
                 effort: GrowthEffort::Events {
                     events: statistics.events,
                     simulated_time_s: statistics.simulated_time_s,
                 },
                 end: statistics.stop,
-            }));
-        }
+                is_list: self.run.is_list(),
+            });
+            Short::new(self.run.kept_reason(statistics.stop, control), failure)
+        });
+        let short = short.transpose()?;
         Ok(Placed {
             grains: self.spheres(&outcome.centers_mm)?,
             statistics: Statistics {
@@ -165,6 +173,8 @@ impl Job<'_> {
             rsa_s: outcome.rsa_s,
             growth_s: Some(outcome.edmd_s),
             method_used: MethodUsed::Edmd,
+            scale: statistics.growth_scale,
+            short,
         })
     }
 }

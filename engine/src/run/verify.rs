@@ -8,18 +8,21 @@
 use std::io;
 use std::num::NonZeroUsize;
 
-use super::verify_run::{judge_run, within};
+use super::partial::{self, Kept};
+use super::size_scale::{largest_scale, unbounded_scale};
+use super::verify_run::{judge_kept, judge_run, within};
 use super::{
-    Figures, Sampled, Solid, as_checked, distance_asked_mm, fraction_of, shape_volume, sphere_volume,
+    Drawn, Figures, Sampled, Solid, as_checked, distance_asked_mm, fraction_of, shape_volume, sphere_volume,
 };
 use crate::check::{self, Scope};
 use crate::control::Control;
+use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::export::tables::{self, Column, GrainSource};
 use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
-use crate::packing::{Grains, GrainsRef, GrowthEnd, Report};
-use crate::plan::{Limits, Plan};
+use crate::packing::{Grains, GrainsRef, GrowthEnd, Report, Solids, Spheres};
+use crate::plan::{Drawing, Limits, Plan};
 use crate::request::{Method, PackingRequest};
 use crate::shape::Polyhedron;
 
@@ -27,7 +30,7 @@ use crate::shape::Polyhedron;
 const BLOCK_ROWS: usize = 4096;
 /// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
-/// Relative error of sums of volumes that are computed in another order.
+/// Relative error of sums of volumes that are computed in another order, and of a scale that is computed again.
 const ROUNDING: f64 = 1.0e-9;
 
 /// Why a packing or a failure was not accepted.
@@ -93,19 +96,33 @@ pub fn verify(
     scope: Scope,
     control: &dyn Control,
 ) -> Result<(), VerifyError> {
-    let drawn = Drawn::new(request, control)?;
-    let grains = drawn.grains_of(source)?;
+    let of_result = drawn_by(request, report)?;
+    let mut drawn = drawn(&of_result, control)?;
+    let (requested, drawn_mm3) = (drawn.len(), drawn.sampled.volume_mm3());
+    let kept = Kept::of_summary(request, &report.summary, requested as u64);
+    judge_kept(request, report, source.len(), requested)?;
+    drawn.sampled.truncate(source.len());
+    let grains = drawn.grains_of(source, kept.size_scale)?;
     let (method_used, distance_mm) = judge_run(request, report, &grains)?;
-    let checked = as_checked(request, distance_mm);
-    let check = check::check_grains(&grains, &checked, scope, NonZeroUsize::MIN, control);
+    let checked = as_checked(&of_result, distance_mm);
+    let extent = kept.extent(grains.len());
+    let check = check::check_grains(&grains, &checked, extent, scope, NonZeroUsize::MIN, control);
     let check = check.map_err(|fault| match fault {
         check::Fault::Stopped => VerifyError::Stopped,
         check::Fault::OutOfMemory { bytes } => VerifyError::OutOfMemory { bytes },
         fault => VerifyError::Wrong(fault.to_string()),
     })?;
-    let coarse = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3());
-    let coarse = coarse.map_err(|field| VerifyError::Wrong(field.to_string()))?;
-    let mut figures = Figures::new(request, &checked, &drawn.mix, coarse, (&grains, method_used, check))?;
+    if scope == Scope::All && kept.size_scale != 1.0 {
+        drawn.judge_scale(request, &grains, kept.size_scale)?;
+    }
+    // What is scaled until it jams has no volume to miss.
+    let coarse = if kept.drawing.is_some() {
+        None
+    } else {
+        deviation::judge_volume(&request.mix, &drawn.mix, drawn_mm3)
+            .map_err(|field| VerifyError::Wrong(field.to_string()))?
+    };
+    let mut figures = Figures::new(&checked, &drawn.mix, coarse, (&grains, method_used, check), &kept)?;
     if scope == Scope::WithoutPairs {
         // What the pairs alone would tell.
         let told = &report.check;
@@ -140,7 +157,7 @@ pub fn verify_failure(
             let found = if let Err(found) = Plan::new(request, limits) {
                 Some(found)
             } else {
-                let drawn = Drawn::new(request, control)?;
+                let drawn = drawn(request, control)?;
                 let judged = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3());
                 judged.err().map(PlanError::Coarse)
             };
@@ -153,29 +170,51 @@ pub fn verify_failure(
             }
         }
         PackError::TargetNotReached(TargetNotReached::InsertionFailed(told)) => {
-            Drawn::new(request, control)?.judge_insertion(request, told)
+            drawn(request, control)?.judge_insertion(request, told)
         }
         PackError::TargetNotReached(TargetNotReached::GrowthStopped(told)) => {
-            Drawn::new(request, control)?.judge_growth(request, told)
+            drawn(request, control)?.judge_growth(request, told)
         }
         PackError::OutOfMemory { .. } | PackError::CheckFailed(_) | PackError::Stopped { .. } => Ok(()),
     }
 }
 
-/// The grains that a seed draws.
-struct Drawn {
-    mix: GradedMix,
-    sampled: Sampled,
+/// The request by which the grains of a result were drawn: that of the result's own volume fraction, where it was to be
+/// as large as possible.
+fn drawn_by(request: &PackingRequest, report: &Report) -> Result<PackingRequest, VerifyError> {
+    let summary = &report.summary;
+    let is_list = request.mix.listed_diameters_mm().is_some();
+    let is_densest = request.mix.maximizes_volume_fraction();
+    if summary.size_scale.is_some() != is_densest
+        || summary.volume_fraction_drawn.is_some() != (is_densest && !is_list)
+    {
+        return VerifyError::wrong(
+            "summary/size_scale, summary/volume_fraction_drawn: those of another request",
+        );
+    }
+    if !is_densest {
+        return Ok(request.clone());
+    }
+    let drawing = summary.volume_fraction_drawn.map_or(Drawing::List(1.0), Drawing::Fraction);
+    let drawn = drawing.numbers_of(request);
+    // It bounds how many grains are drawn.
+    let mix = GradedMix::new(&drawn.mix, drawn.specimen.volume_mm3());
+    if !is_list && !(mix.volume_fraction_effective > 0.0 && mix.volume_fraction_effective <= 1.0) {
+        return VerifyError::wrong("summary/volume_fraction_drawn is out of range: no grains fill so much");
+    }
+    Ok(drawn)
+}
+
+/// The grains that a valid request draws.
+fn drawn(request: &PackingRequest, control: &dyn Control) -> Result<Drawn, VerifyError> {
+    // That of a result may name a fraction of all aggregate that no request may.
+    if request.mix.requested_fraction().is_none_or(|fraction| fraction <= 1.0) {
+        request.validate().map_err(|fields| PackError::Plan(PlanError::Invalid(fields)))?;
+    }
+    Ok(Drawn::new(request, control)?)
 }
 
 impl Drawn {
-    fn new(request: &PackingRequest, control: &dyn Control) -> Result<Self, VerifyError> {
-        request.validate().map_err(|fields| PackError::Plan(PlanError::Invalid(fields)))?;
-        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-        let sampled = Sampled::draw(request, &mix, control)?;
-        Ok(Self { mix, sampled })
-    }
-
     fn len(&self) -> usize {
         match &self.sampled {
             Sampled::Spheres(drawn) => drawn.d_mm.len(),
@@ -200,8 +239,8 @@ impl Drawn {
         }
     }
 
-    /// Reads the grains of a source, which must be as many and of the same sizes, shapes and aggregates.
-    fn grains_of(&self, source: &dyn GrainSource) -> Result<Grains, VerifyError> {
+    /// Reads the grains of a source, which must be as many and of the same sizes at this scale, shapes and aggregates.
+    fn grains_of(&self, source: &dyn GrainSource, scale: f64) -> Result<Grains, VerifyError> {
         // Before anything is read: the drawn grains bound the memory.
         let (found, drawn) = (source.len(), self.len());
         if found != drawn {
@@ -214,11 +253,11 @@ impl Drawn {
         match (&grains, &self.sampled) {
             (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
                 let differs = |grain: &usize| {
-                    !same_bits(found.d_mm[*grain], drawn.d_mm[*grain])
+                    !same_bits(found.d_mm[*grain], scale * drawn.d_mm[*grain])
                         || found.aggregate.get(*grain) != drawn.parts.get(*grain)
                 };
                 if let Some(grain) = (0..found.len()).find(differs) {
-                    let (has, draws) = (found.d_mm[grain], drawn.d_mm[grain]);
+                    let (has, draws) = (found.d_mm[grain], scale * drawn.d_mm[grain]);
                     return VerifyError::wrong(format!(
                         "grain {grain} has the diameter {has} mm: the seed draws {draws} mm, or another aggregate"
                     ));
@@ -238,7 +277,7 @@ impl Drawn {
                     );
                 }
                 let differs = |grain: &usize| {
-                    !same_shape(&found.shapes[*grain], &drawn.shapes[*grain])
+                    !same_shape(&found.shapes[*grain], &partial::scaled(&drawn.shapes[*grain], scale))
                         || found.aggregate.get(*grain) != drawn.aggregate.get(*grain)
                 };
                 if let Some(grain) = (0..found.len()).find(differs) {
@@ -261,6 +300,31 @@ impl Drawn {
         Ok(grains)
     }
 
+    /// Whether a scale is the largest at which these grains, at the positions of a packing, keep their distances.
+    fn judge_scale(&self, request: &PackingRequest, found: &Grains, scale: f64) -> Result<(), VerifyError> {
+        let drawn = match (found, &self.sampled) {
+            (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
+                Grains::Spheres(Spheres { d_mm: drawn.d_mm.clone(), ..found.clone() })
+            }
+            (Grains::Solids(found), Sampled::Solids(drawn)) => {
+                Grains::Solids(Solids { shapes: drawn.shapes.clone(), ..found.clone() })
+            }
+            _ => return VerifyError::wrong("the packing has another kind of grains than the mix"),
+        };
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let largest = if request.mix.maximizes_volume_fraction() {
+            unbounded_scale(&drawn, &request.specimen, &rule, scale)?
+        } else {
+            largest_scale(&drawn, &request.specimen, &rule, 1.0)?
+        };
+        if (scale / largest - 1.0).abs() > ROUNDING {
+            return VerifyError::wrong(format!(
+                "size_scale is {scale}: the largest at these positions is {largest}"
+            ));
+        }
+        Ok(())
+    }
+
     /// Whether random sequential addition may have ended so.
     fn judge_insertion(&self, request: &PackingRequest, told: &InsertionFailed) -> Result<(), VerifyError> {
         let grains = self.len();
@@ -272,6 +336,9 @@ impl Drawn {
             return VerifyError::wrong(format!(
                 "{placed} of {all} grains were placed: fewer than the {grains} that the seed draws must be"
             ));
+        }
+        if told.is_list != request.mix.listed_diameters_mm().is_some() {
+            return VerifyError::wrong("is_list is not that of the request");
         }
         let placed = told.placed as usize;
         let fraction = |n: usize| fraction_of(n, |i| self.d_mm(i), self.mix.specimen_volume_mm3);
@@ -318,6 +385,9 @@ impl Drawn {
                 "volume_fraction_asked is {}: the seed draws {asked}",
                 told.volume_fraction_asked
             ));
+        }
+        if told.is_list != request.mix.listed_diameters_mm().is_some() {
+            return VerifyError::wrong("is_list is not that of the request");
         }
         if told.distance_mm_asked != distance_asked_mm(request) {
             return VerifyError::wrong("distance_mm_asked is another than that of the request");

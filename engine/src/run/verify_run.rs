@@ -2,8 +2,8 @@
 //! used.
 
 use super::verify::VerifyError;
-use crate::packing::{Grains, MethodUsed, Report, Statistics};
-use crate::request::{Distance, Method, PackingRequest};
+use crate::packing::{Grains, MethodUsed, PartialReason, Report, Statistics};
+use crate::request::{Distance, Method, OnLimit, PackingRequest};
 
 /// Most points of a growth curve.
 const MOST_CURVE_POINTS: usize = 1000;
@@ -16,6 +16,64 @@ pub(super) fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyErro
         return Ok(());
     }
     VerifyError::wrong(format!("{name} is {found}: must be from 0 to {most}"))
+}
+
+/// Whether what a result says of the end of its run agrees with the request, of which it has so many grains; `found` are
+/// those of the packing.
+pub(super) fn judge_kept(
+    request: &PackingRequest,
+    report: &Report,
+    found: usize,
+    requested: usize,
+) -> Result<(), VerifyError> {
+    let summary = &report.summary;
+    let Some(partial) = summary.partial else {
+        if found != requested {
+            return VerifyError::wrong(format!("the packing has {found} grains: the seed draws {requested}"));
+        }
+        let scale = summary.size_scale.unwrap_or(1.0);
+        if !(scale > 0.0 && scale.is_finite()) {
+            return VerifyError::wrong(format!("summary/size_scale is {scale}: must be above 0"));
+        }
+        return Ok(());
+    };
+    let (has_time, has_events) = match request.method {
+        Method::Edmd { options } => (options.stop.time_s.is_some(), options.stop.events.is_some()),
+        Method::MonteCarlo { stop } => (stop.time_s.is_some(), stop.sweeps.is_some()),
+        Method::Auto {} | Method::Rsa { .. } => (false, false),
+    };
+    let is_rsa = matches!(request.method, Method::Rsa { .. });
+    let keeps = request.on_limit == OnLimit::Keep;
+    let is_densest = request.mix.maximizes_volume_fraction();
+    let may_be = match partial.reason {
+        PartialReason::Finished => true,
+        PartialReason::TimedOut => keeps,
+        PartialReason::TimeLimit => keeps && has_time && !is_densest,
+        PartialReason::EventLimit => keeps && has_events && !is_densest,
+        PartialReason::Stalled => keeps && !is_rsa && !is_densest,
+        PartialReason::Saturated => keeps && is_rsa,
+    };
+    if !may_be {
+        return VerifyError::wrong("summary/partial/reason: no run of this request ends so");
+    }
+    let is_missing_some = matches!(
+        partial.reason,
+        PartialReason::Finished | PartialReason::TimedOut | PartialReason::Saturated
+    );
+    if found == 0 || found > requested || found < requested && !is_missing_some {
+        return VerifyError::wrong(format!("the packing has {found} grains: the seed draws {requested}"));
+    }
+    let scale = partial.size_scale;
+    if !(scale > 0.0 && scale.is_finite() && (scale <= 1.0 || is_densest)) {
+        return VerifyError::wrong(format!(
+            "summary/partial/size_scale is {scale}: must be above 0, at most 1"
+        ));
+    }
+    let maximizes = matches!(request.distance, Distance::Maximize { .. });
+    if scale == 1.0 && found == requested && !maximizes && !is_densest {
+        return VerifyError::wrong("summary/partial: the packing has all that is requested");
+    }
+    Ok(())
 }
 
 /// Whether what only the run knows agrees with the request; the method that was used, and the largest distance, where
@@ -97,6 +155,10 @@ fn judge_statistics(used: MethodUsed, report: &Report) -> Result<(), VerifyError
         ] {
             within(name, found, f64::MAX)?;
         }
+    }
+    if report.summary.partial.is_some() || report.summary.size_scale.is_some() {
+        // They grew to another size.
+        return Ok(());
     }
     let scales = [edmd.map(|edmd| edmd.growth_scale), monte_carlo.map(|counted| counted.growth_scale)];
     if let Some(scale) = scales.into_iter().flatten().find(|scale| *scale < 1.0) {

@@ -2,7 +2,8 @@
 //!
 //! The record lies beside the first file, from before that file is written until all are. Where it is found, the files
 //! that it names are parts of a result that was never finished, and the same command replaces them; without it they are
-//! somebody's, and no command overwrites them. It holds the request as well, whose seed may have been drawn.
+//! somebody's, and no command overwrites them. It holds the request as well, whose seed may have been drawn. Beside a
+//! partial packing it stays, so that a run that goes on may replace its files.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -25,6 +26,9 @@ pub(super) struct Record {
     pub(super) request: Option<Value>,
     /// Names of the files that the command writes, in the folder of the record.
     files: Vec<PathBuf>,
+    /// Whether all of them are written, and the packing is partial: a run that goes on replaces them.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub(super) partial: bool,
 }
 
 impl Record {
@@ -72,8 +76,17 @@ impl Unfinished {
 
     /// Writes the record of these files, which lie in its folder.
     pub(super) fn begin(&self, files: &[PathBuf], request: Option<Value>) -> Result<(), Failure> {
+        self.write(files, request, false)
+    }
+
+    /// Leaves the record of these files, all of which are written, of a packing that is partial.
+    pub(super) fn end_partial(&self, files: &[PathBuf], request: Option<Value>) -> Result<(), Failure> {
+        self.write(files, request, true)
+    }
+
+    fn write(&self, files: &[PathBuf], request: Option<Value>, partial: bool) -> Result<(), Failure> {
         let files = files.iter().filter_map(|file| Some(PathBuf::from(file.file_name()?))).collect();
-        let text = serde_json::to_vec_pretty(&Record { request, files })?;
+        let text = serde_json::to_vec_pretty(&Record { request, files, partial })?;
         write_buffered(&self.0, |out| out.write_all(&text))
             .map_err(|error| cannot_be("written", &self.0, &error))
     }

@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
-use packstone_engine::request::{Distance, Method, Mix, Segregation, Specimen};
+use packstone_engine::request::{Distance, Method, Mix, OnLimit, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
@@ -64,7 +64,8 @@ pub(crate) struct JobRequest {
     #[cfg_attr(test, schema(required = false, nullable, minimum = 1, maximum = 64))]
     #[serde(skip_serializing_if = "never_shown")]
     pub(crate) threads: Option<i64>,
-    /// Longest time that one attempt may run; past it the job fails with `timed-out`.
+    /// Longest time that one attempt may run; past it the job fails with `timed-out`, or ends with the packing that it
+    /// reached where `on_limit` is `keep`.
     #[cfg_attr(test, schema(required = false, nullable, exclusive_minimum = 0, maximum = 2_678_400))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) timeout_s: Option<f64>,
@@ -98,6 +99,10 @@ pub(crate) struct JobRequest {
     #[cfg_attr(test, schema(required = false))]
     #[serde(skip_serializing_if = "Segregation::is_none")]
     pub(crate) segregation: Segregation,
+    /// What becomes of a run that `timeout_s`, a limit of its method or a jam ends before its target.
+    #[cfg_attr(test, schema(default = "fail", required = false))]
+    #[serde(skip_serializing_if = "OnLimit::is_fail")]
+    pub(crate) on_limit: OnLimit,
     /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
     /// `POST /v1/jobs/{id}/exports`.
     #[cfg_attr(test, schema(required = false))]
@@ -165,6 +170,7 @@ impl JobRequest {
             distance: self.distance,
             method: self.method,
             segregation: self.segregation,
+            on_limit: self.on_limit,
         }
     }
 
@@ -377,6 +383,7 @@ fn read_fields(
         distance: packing.distance,
         method: packing.method,
         segregation: packing.segregation,
+        on_limit: packing.on_limit,
         postprocess: postprocess?,
     })
 }

@@ -135,8 +135,9 @@ impl Job {
         to_json(&JobPlan { plan, exports })
     }
 
-    /// Packs, on this thread and as many as the job has beside it. The checkpoint is removed when there is a packing,
-    /// and when going on from it would only repeat the same end.
+    /// Packs, on this thread and as many as the job has beside it. The checkpoint is removed when there is a packing
+    /// that is not partial, and when going on from it would only repeat the same end. A job with other limits
+    /// (`method.stop`, `timeout_s`, `on_limit`) goes on from it, too.
     ///
     /// # Errors
     /// [`Ended::Refused`] where the job cannot be planned, its target is not reached in the time that it has, a check
@@ -160,10 +161,14 @@ impl Job {
             Some(file) => resume(file, &packing_request)?,
             None => None,
         };
-        run.begin(self.checkpoint.as_deref(), resume.is_some(), self.request.timeout_s);
+        let (timeout_s, on_limit) = (self.request.timeout_s, self.request.on_limit);
+        run.begin(self.checkpoint.as_deref(), resume.is_some(), timeout_s, on_limit);
         let packed = packstone_engine::pack_or_resume(&packing_request, &self.limits, resume, run);
-        let is_final =
-            matches!(packed, Ok(_) | Err(PackError::TargetNotReached(_) | PackError::CheckFailed(_)));
+        // A partial packing can be gone on with.
+        let is_final = match &packed {
+            Ok(packing) => packing.report.summary.partial.is_none(),
+            Err(error) => matches!(error, PackError::TargetNotReached(_) | PackError::CheckFailed(_)),
+        };
         if let (Some(file), true) = (&self.checkpoint, is_final) {
             crate::checkpoints::remove(file)?;
         }
@@ -175,7 +180,7 @@ impl Job {
 /// The state that a run goes on from, where there is a checkpoint.
 fn resume(file: &Path, request: &PackingRequest) -> Result<Option<Resume>, Ended> {
     let Some(mut input) = open(file)? else { return Ok(None) };
-    Ok(Some(Resume::read_from(&mut input, request).map_err(|error| no_checkpoint(file, error))?))
+    Ok(Some(Resume::read_with_limits(&mut input, request).map_err(|error| no_checkpoint(file, error))?))
 }
 
 /// The request of a checkpoint, where there is one.

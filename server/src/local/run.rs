@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use packstone_engine::{Checkpoint, Control, Phase, Progress};
+use packstone_engine::request::OnLimit;
+use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
 
 use crate::checkpoints::{self, Schedule};
 use crate::config::DEFAULT_CHECKPOINT_EVERY_S;
@@ -22,6 +23,8 @@ pub struct Run {
     every: Duration,
     state: Mutex<State>,
     stop: AtomicBool,
+    /// The run is to end with what it has reached.
+    finish: AtomicBool,
     /// The run is in a phase that keeps checkpoints, and has a file for them.
     keeps: AtomicBool,
     /// A last checkpoint was written, or could not be.
@@ -32,13 +35,20 @@ pub struct Run {
 struct State {
     started: Instant,
     stopped_at: Option<Instant>,
-    /// When the time limit of the job ends it.
+    /// When the time limit of the job ends it, and whether it then ends with what it has reached.
     deadline: Option<Instant>,
+    keeps_at_deadline: bool,
     checkpoint: Option<(PathBuf, Schedule)>,
     latest: Option<Progress>,
     remaining: RemainingTime,
     /// Why the last checkpoint could not be written.
     fault: Option<String>,
+}
+
+impl State {
+    fn is_late(&self) -> bool {
+        self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
 }
 
 impl Default for Run {
@@ -54,6 +64,7 @@ impl Run {
             started: Instant::now(),
             stopped_at: None,
             deadline: None,
+            keeps_at_deadline: false,
             checkpoint: None,
             latest: None,
             remaining: RemainingTime::default(),
@@ -63,6 +74,7 @@ impl Run {
             every,
             state: Mutex::new(state),
             stop: AtomicBool::new(false),
+            finish: AtomicBool::new(false),
             keeps: AtomicBool::new(false),
             kept_last: AtomicBool::new(false),
         }
@@ -73,6 +85,11 @@ impl Run {
         let mut state = self.lock();
         state.stopped_at.get_or_insert_with(Instant::now);
         self.stop.store(true, Ordering::Release);
+    }
+
+    /// Asks the run to end with what it has reached, as a partial packing.
+    pub fn finish(&self) {
+        self.finish.store(true, Ordering::Release);
     }
 
     /// The progress since the last call, as JSON in the form of a job's `progress`; `None` without news.
@@ -104,11 +121,19 @@ impl Run {
         self.lock().fault.take()
     }
 
-    /// The run begins, with a file for its checkpoints and a time limit or without.
-    pub(crate) fn begin(&self, checkpoint: Option<&Path>, resumed: bool, timeout_s: Option<f64>) {
+    /// The run begins, with a file for its checkpoints and a time limit or without, at which it ends as `on_limit`
+    /// says.
+    pub(crate) fn begin(
+        &self,
+        checkpoint: Option<&Path>,
+        resumed: bool,
+        timeout_s: Option<f64>,
+        on_limit: OnLimit,
+    ) {
         let mut state = self.lock();
         state.started = Instant::now();
         state.deadline = timeout_s.map(|s| state.started + Duration::from_secs_f64(s));
+        state.keeps_at_deadline = on_limit == OnLimit::Keep;
         state.checkpoint = checkpoint.map(|file| (file.to_owned(), Schedule::new(self.every)));
         if resumed {
             state.remaining.resumed();
@@ -116,7 +141,7 @@ impl Run {
     }
 
     /// The failure of a run that its time limit ended; `None` where [`stop`](Self::stop) did.
-    pub(super) fn timed_out(&self, timeout_s: Option<f64>) -> Option<Failure> {
+    pub(crate) fn timed_out(&self, timeout_s: Option<f64>) -> Option<Failure> {
         let fraction = self.lock().remaining.fraction();
         timeout_s.filter(|_| !self.is_stopping()).map(|timeout_s| Failure::timed_out(timeout_s, fraction))
     }
@@ -147,10 +172,23 @@ impl Control for Run {
 
     fn should_stop(&self) -> bool {
         if !self.is_stopping() {
-            return self.lock().deadline.is_some_and(|deadline| Instant::now() >= deadline);
+            let state = self.lock();
+            return !state.keeps_at_deadline && state.is_late();
         }
         let waits = self.keeps.load(Ordering::Acquire) && !self.kept_last.load(Ordering::Acquire);
         !waits || self.lock().stopped_at.is_some_and(|at| at.elapsed() > LAST_CHECKPOINT_WITHIN)
+    }
+
+    fn should_finish(&self) -> Option<Finish> {
+        if self.finish.load(Ordering::Acquire) {
+            return Some(Finish::Requested);
+        }
+        let state = self.lock();
+        (state.keeps_at_deadline && state.is_late()).then_some(Finish::TimedOut)
+    }
+
+    fn wants_last_checkpoint(&self) -> bool {
+        self.lock().checkpoint.is_some()
     }
 
     fn wants_checkpoint(&self) -> bool {

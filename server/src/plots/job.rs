@@ -7,8 +7,8 @@ use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Sur
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
-use packstone_engine::packing::{Grains, GrainsRef};
-use packstone_engine::request::{Distance, GrainKind, Method, PackingRequest};
+use packstone_engine::packing::{Grains, GrainsRef, Summary};
+use packstone_engine::request::{Distance, Grading, GrainKind, Method, PackingRequest, VolumeFraction};
 
 use super::axis::{Axis, plain};
 use super::chart::{Chart, Layout, Marks, Point, Series, SeriesStyle};
@@ -104,7 +104,9 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     let name = request.name.clone();
     let packing = request.packing();
     Ok(match kind {
-        JobPlot::Grading => grading(&packing, sized(result)?, name.as_deref()),
+        JobPlot::Grading => {
+            grading(&at_scale(&packing, &result.head.report.summary), sized(result)?, name.as_deref())
+        }
         JobPlot::Distance => distance(result.head, &packing, name.as_deref()),
         JobPlot::Radial => radial(result.head, &packing, &tables::load(result.grains)?, name.as_deref())?,
         JobPlot::Zingg | JobPlot::Flakiness => {
@@ -139,6 +141,22 @@ fn sized(result: &JobResult<'_>) -> io::Result<Vec<SizedGrain>> {
     }
     let sizes = column(result.grains, Column::Sieve)?;
     Ok(grains.zip(sizes).map(|(grain, size_mm)| SizedGrain { size_mm, ..grain }).collect())
+}
+
+/// A request as its packing has it, where the volume fraction was to be as large as possible: with the volume that is
+/// placed, of a list with the sizes that it was scaled to.
+fn at_scale(request: &PackingRequest, summary: &Summary) -> PackingRequest {
+    let mut request = packstone_engine::checked_as(request, summary).0;
+    if let Some(scale) = summary.size_scale {
+        if let Some(VolumeFraction::Of(fraction)) = &mut request.mix.volume_fraction {
+            *fraction *= scale.powi(3);
+        }
+        if let Some(Grading::Diameters { diameters_mm }) = &mut request.mix.grading {
+            diameters_mm.iter_mut().for_each(|d| *d *= scale);
+            request.mix.d_min_mm = request.mix.d_min_mm.map(|d| d * scale);
+        }
+    }
+    request
 }
 
 fn grading(request: &PackingRequest, grains: Vec<SizedGrain>, name: Option<&str>) -> Chart {

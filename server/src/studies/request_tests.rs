@@ -29,7 +29,7 @@ fn refused(request: &Value) -> (FailureCode, Vec<String>) {
 }
 
 fn fractions(study: &Study) -> Vec<f64> {
-    study.points.iter().map(|point| point.job.mix.volume_fraction.unwrap()).collect()
+    study.points.iter().map(|point| point.job.mix.requested_fraction().unwrap()).collect()
 }
 
 #[test]

@@ -13,6 +13,8 @@
 //! `n` collisions per grain left makes the pressure rise as `n^-0.7`: most of the collisions take place while grains
 //! can rearrange, and the last ones close the gaps.
 
+use crate::elementary::cbrt;
+
 /// Compression rate while grains are loose, where the request names none.
 pub(crate) const LOOSE_RATE: f64 = 0.1;
 /// Pressure up to which they are.
@@ -90,6 +92,11 @@ fn few(grains: usize) -> f64 {
 /// `Z = 3 / (1 - phi / phi_j)` (free volume; Salsburg and Wood 1962).
 fn jamming(now: f64, reduced_pressure: f64) -> f64 {
     now / (1.0 - 3.0 / reduced_pressure.max(3.5))
+}
+
+/// Scale at which a packing jams as it is, which has a pressure at a scale.
+pub(crate) fn scale_at_jamming(scale: f64, reduced_pressure: f64) -> f64 {
+    scale * cbrt(jamming(1.0, reduced_pressure))
 }
 
 /// Growth up to jamming over the growth up to the target, in volume fraction; 1 and less where the packing would jam

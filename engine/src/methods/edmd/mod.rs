@@ -49,7 +49,7 @@ pub(crate) use blocks::LEAST_GRAINS as LEAST_GROWN_IN_BLOCKS;
 pub use fluid::{Fluid, FluidFigures};
 
 use crate::checkpoint::Resume;
-use crate::control::{Control, Part};
+use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::memory::{self, OutOfMemory, collected};
@@ -89,6 +89,13 @@ pub(crate) struct Expected {
     pub(crate) events_per_grain: f64,
 }
 
+/// Growth beyond the requested size, as far as it goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ToJamming {
+    /// Ends as soon as it is known that the grains will jam at a scale outside of these bounds.
+    pub(crate) within: Option<[f64; 2]>,
+}
+
 /// What growth is asked for.
 pub(crate) struct Edmd<'a> {
     pub(crate) request: &'a PackingRequest,
@@ -98,6 +105,8 @@ pub(crate) struct Edmd<'a> {
     pub(crate) expected: Expected,
     /// Most threads; the outcome does not depend on their number.
     pub(crate) threads: NonZeroUsize,
+    /// Grows the grains beyond their size, until they jam.
+    pub(crate) to_jamming: Option<ToJamming>,
 }
 
 /// Why it came to no end of its own.
@@ -117,7 +126,8 @@ impl From<OutOfMemory> for Interrupted {
 
 /// How it ended.
 pub(crate) struct Outcome {
-    /// Centres in the order of the diameters.
+    /// Centres in the order of the diameters; of the first of them alone where the run was to finish while random
+    /// placing had not placed all.
     pub(crate) centers_mm: Vec<[f64; 3]>,
     pub(crate) rsa: RsaStatistics,
     pub(crate) statistics: EdmdStatistics,
@@ -144,6 +154,7 @@ impl Edmd<'_> {
             expected: self.expected,
             preference: Preference::new(self.request, self.diameters_mm),
             threads: self.threads,
+            to_jamming: self.to_jamming,
             moments: Moments::new(self.diameters_mm, self.request.specimen.volume_mm3()),
             started: Instant::now(),
         };
@@ -168,9 +179,10 @@ impl Edmd<'_> {
         let mut run = if let Some(run) = earlier {
             run
         } else {
-            let (mut run, rsa) = self.start(&frame, &protocols, &rule, maximize.is_some())?;
-            (run.rsa, run.rsa_s) = (rsa, frame.started.elapsed().as_secs_f64());
-            run
+            match self.start(&frame, &protocols, &rule, maximize.is_some())? {
+                Start::Run(run) => *run,
+                Start::Finished(outcome) => return Ok(outcome),
+            }
         };
         let before_s = run.elapsed_s(&frame);
         let growing = Instant::now();
@@ -197,13 +209,14 @@ impl Edmd<'_> {
             Ended::Stopped => return Err(Interrupted::Stopped),
             Ended::OutOfMemory(refused) => return Err(refused.into()),
         };
+        run.keep_last(&frame, end);
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
         let growth_curve = std::mem::take(&mut run.curve);
         Ok(Outcome {
             centers_mm: run.centers()?,
             rsa: run.rsa,
-            statistics: run.statistics(end, edmd_s),
+            statistics: run.statistics(&frame, end, edmd_s),
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
             growth_curve,
@@ -236,7 +249,7 @@ impl Edmd<'_> {
         protocols: &[GrowthProtocol; 2],
         rule: &DistanceRule,
         maximize: bool,
-    ) -> Result<(Run, RsaStatistics), Interrupted> {
+    ) -> Result<Start, Interrupted> {
         let protocol = &protocols[0];
         let volume = self.request.specimen.volume_mm3();
         let fraction = protocol.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
@@ -250,7 +263,8 @@ impl Edmd<'_> {
         };
         let mut statistics = RsaStatistics::default();
         let share = start_share(&self.expected, CYCLE_EVENTS_PER_GRAIN as f64);
-        let control = Part::new(frame.control, 0.0, share);
+        let part = Part::new(frame.control, 0.0, share);
+        let control = StopToFinish::new(&part);
         for _ in 0..STARTS {
             let placing = Rsa {
                 diameters_mm: &collected(self.diameters_mm.iter().map(|d| scale * d))?,
@@ -264,14 +278,32 @@ impl Edmd<'_> {
             statistics.attempts += outcome.statistics.attempts;
             statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
             statistics.voxels_tested += outcome.statistics.voxels_tested;
+            let rsa_s = frame.started.elapsed().as_secs_f64();
             match outcome.end {
                 rsa::End::Complete => {
-                    let run = if maximize && scale >= BEYOND_TARGET {
-                        Run::new(frame, &protocols[1], Stage::Length, 0.0, &outcome.centers_mm)
+                    let mut run = if maximize && scale >= BEYOND_TARGET {
+                        Run::new(frame, &protocols[1], Stage::Length, 0.0, &outcome.centers_mm)?
                     } else {
-                        Run::new(frame, protocol, Stage::Scale, scale, &outcome.centers_mm)
+                        Run::new(frame, protocol, Stage::Scale, scale, &outcome.centers_mm)?
                     };
-                    return Ok((run?, statistics));
+                    (run.rsa, run.rsa_s) = (statistics, rsa_s);
+                    return Ok(Start::Run(Box::new(run)));
+                }
+                rsa::End::Stopped if control.finish().is_some() => {
+                    return Ok(Start::Finished(Outcome {
+                        centers_mm: outcome.centers_mm,
+                        rsa: statistics,
+                        statistics: EdmdStatistics {
+                            growth_scale: scale.min(1.0 - f64::EPSILON),
+                            stop: GrowthEnd::Finished,
+                            ..EdmdStatistics::default()
+                        },
+                        distance_mm: None,
+                        volume_fraction: frame.moments.volume_fraction(0.0) * scale.powi(3),
+                        growth_curve: Vec::new(),
+                        rsa_s,
+                        edmd_s: 0.0,
+                    }));
                 }
                 rsa::End::Stopped => return Err(Interrupted::Stopped),
                 rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
@@ -280,4 +312,11 @@ impl Edmd<'_> {
         }
         Err(Interrupted::Stopped)
     }
+}
+
+/// What growth starts from.
+enum Start {
+    Run(Box<Run>),
+    /// The run was to finish before all grains were placed: the end of it.
+    Finished(Outcome),
 }

@@ -27,7 +27,7 @@ mod tests;
 use std::io::{self, Write};
 use std::time::Instant;
 
-use crate::control::{Control, Part};
+use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
@@ -73,6 +73,8 @@ pub struct MonteCarlo<'a, S> {
     /// Whether, once all grains have their size, the largest constant gap is requested, and if so the gap to walls
     /// where it is not half of it.
     pub maximize: Option<Option<f64>>,
+    /// Whether the grains grow beyond their size, until they jam.
+    pub to_jamming: Option<ToJamming>,
     /// Share of their size that grains start with; the method chooses if absent.
     pub initial_scale: Option<f64>,
     /// Whether grains of similar size exchange their places.
@@ -87,6 +89,16 @@ pub struct MonteCarlo<'a, S> {
     pub preference: Option<&'a Preference>,
     /// Keeps a checkpoint when the control wants one: it is handed what writes the body.
     pub keep_checkpoint: Option<&'a KeepCheckpoint<'a>>,
+    /// Whether the packing is kept that was reached when a limit or a jam ended growth before its target, so that a
+    /// last checkpoint may be wanted.
+    pub keeps_partial: bool,
+}
+
+/// Growth beyond the requested size, as far as it goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToJamming {
+    /// Ends once growth is slow at a scale outside of these bounds.
+    pub within: Option<[f64; 2]>,
 }
 
 /// Keeps a checkpoint whose body the argument writes.
@@ -112,6 +124,8 @@ pub enum End {
     TimeLimit,
     /// The limit of sweeps.
     SweepLimit,
+    /// The control asked for what was reached.
+    Finished,
 }
 
 /// Why it came to no end of its own.
@@ -175,11 +189,12 @@ pub struct CurvePoint {
 /// How it ended.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Poses in the order of the shapes; the packing is valid at [`Outcome::scale`].
+    /// Poses in the order of the shapes; the packing is valid at [`Outcome::scale`]. Of the first of them alone where
+    /// the run was to finish while random addition had not inserted all.
     pub poses: Vec<Pose>,
     /// Why growth ended.
     pub end: End,
-    /// Size reached over requested size: 1 only where the target is reached.
+    /// Size reached over requested size: 1 only where the target is reached, unless there is none.
     pub scale: f64,
     /// Constant gap reached, where one is requested, in mm.
     pub gap_mm: Option<f64>,
@@ -204,7 +219,10 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
     /// # Errors
     /// When the control stopped it, or the system refused memory.
     pub fn run(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Outcome, Interrupted> {
-        let mut run = self.begin(resume, control)?;
+        let mut run = match self.begin(resume, control)? {
+            Start::Run(run) => run,
+            Start::Finished(outcome) => return Ok(outcome),
+        };
         let end = run.grow(self, control)?;
         run.forget_lists();
         run.outcome(self, end)
@@ -222,7 +240,10 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         control: &dyn Control,
     ) -> Result<(Outcome, Vec<S>), Interrupted> {
         let of = Self { shapes: &[], ..self };
-        let mut run = MonteCarlo { shapes: &shapes, ..self }.begin(resume, control)?;
+        let mut run = match (MonteCarlo { shapes: &shapes, ..self }).begin(resume, control)? {
+            Start::Run(run) => run,
+            Start::Finished(outcome) => return Ok((outcome, shapes)),
+        };
         drop(shapes);
         let end = run.grow(&of, control)?;
         run.forget_lists();
@@ -231,7 +252,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
     }
 
     /// The run as it begins, or as it was at a checkpoint. From here on the shapes are those of its grains.
-    fn begin(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Run<S>, Interrupted> {
+    fn begin(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Start<S>, Interrupted> {
         let started = Instant::now();
         let earlier = match resume.map(|body| Run::read(self, body, started)) {
             Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
@@ -241,11 +262,11 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
             }
             read => read.and_then(Result::ok),
         };
-        earlier.map_or_else(|| self.start(started, control), Ok)
+        earlier.map_or_else(|| self.start(started, control), |run| Ok(Start::Run(Box::new(run))))
     }
 
     /// Random addition to grow from.
-    fn start(&self, started: Instant, control: &dyn Control) -> Result<Run<S>, Interrupted> {
+    fn start(&self, started: Instant, control: &dyn Control) -> Result<Start<S>, Interrupted> {
         let with_gap = |shape: &S| {
             let d = shape.equivalent_diameter_mm();
             sphere_volume(d + self.rule.gap_mm(d, d))
@@ -256,7 +277,8 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let mut scale = self.initial_scale.unwrap_or(cbrt(start / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
         let mut statistics = RsaStatistics::default();
-        let control = Part::new(control, 0.0, START_SHARE);
+        let part = Part::new(control, 0.0, START_SHARE);
+        let control = StopToFinish::new(&part);
         for _ in 0..STARTS {
             let rsa = ShapeRsa {
                 shapes: self.shapes,
@@ -273,7 +295,22 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 rsa::End::Complete => {
                     let mut run = Run::new(self, outcome.poses, scale, started)?;
                     (run.rsa, run.rsa_s) = (statistics, started.elapsed().as_secs_f64());
-                    return Ok(run);
+                    return Ok(Start::Run(Box::new(run)));
+                }
+                rsa::End::Stopped if control.finish().is_some() => {
+                    let volume: f64 = self.shapes.iter().map(S::volume_mm3).sum();
+                    return Ok(Start::Finished(Outcome {
+                        poses: outcome.poses,
+                        end: End::Finished,
+                        scale: scale.min(1.0 - f64::EPSILON),
+                        gap_mm: None,
+                        volume_fraction: volume / self.specimen.volume_mm3() * scale.powi(3),
+                        rsa: statistics,
+                        statistics: Statistics::default(),
+                        growth_curve: Vec::new(),
+                        rsa_s: started.elapsed().as_secs_f64(),
+                        growth_s: 0.0,
+                    }));
                 }
                 rsa::End::Stopped => return Err(Interrupted::Stopped),
                 rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
@@ -282,4 +319,11 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         }
         Err(Interrupted::NoStart)
     }
+}
+
+/// What growth starts from.
+enum Start<S: ConvexShape> {
+    Run(Box<Run<S>>),
+    /// The run was to finish before all grains were inserted: the end of it.
+    Finished(Outcome),
 }

@@ -53,6 +53,8 @@ fn packing<'a>(
         seed: 3,
         preference: None,
         keep_checkpoint: None,
+        to_jamming: None,
+        keeps_partial: false,
     }
 }
 

@@ -11,9 +11,7 @@ use std::time::Duration;
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::{
-    FieldError, Grains, Limits, PackError, Packing, PackingRequest, Plan, PlanError, Resume,
-};
+use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, Plan, PlanError, Resume};
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
@@ -75,7 +73,8 @@ pub(super) struct Options {
 #[derive(Args)]
 struct Earlier {
     /// Go on with a run that was stopped or killed at any moment: from its checkpoint, which lies in the folder for the
-    /// result, or with the files that were not written; a run without these starts anew
+    /// result, or with the files that were not written; a run without these starts anew. A partial result is gone on
+    /// with and replaced, where only `method.stop`, `timeout_s` or `on_limit` of the job have changed
     #[arg(long)]
     resume: bool,
     /// Discard the checkpoint of an earlier run, and what it wrote of its result before it was killed
@@ -123,12 +122,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     exports::announce_planned(&files.exports, &packing_request, &plan);
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
-    if options.earlier.fresh {
+    if options.earlier.fresh || earlier.is_replaced(options) {
         earlier.discard()?;
     }
     let every = Duration::from_secs_f64(options.checkpoint_every_s);
-    let watch = Watch::new(&earlier.checkpoint, every, resume.is_some())?;
-    let packing = pack(options, &packing_request, &limits, resume, &watch, &earlier)?;
+    let watch = Watch::new(&request, &earlier.checkpoint, every, resume.is_some())?;
+    let packing = pack(options, &request, &limits, resume, &watch, &earlier)?;
+    let is_partial = packing.report.summary.partial.is_some();
     let summary = &packing.report.summary;
     say(&format!(
         "placed {} grains, volume fraction {:.4}, in {:.2} s (seed {})",
@@ -140,8 +140,13 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     warn(&new);
     earlier.unfinished.begin(&all, Some(serde_json::to_value(&request)?))?;
     let undrawn = files.write(&request, packing, &limits, &watch, &kept)?;
-    earlier.discard_checkpoint()?;
-    earlier.unfinished.end()?;
+    if is_partial {
+        // The checkpoint and the record of the files stay: a run with higher limits goes on and replaces them.
+        earlier.unfinished.end_partial(&all, Some(serde_json::to_value(&request)?))?;
+    } else {
+        earlier.discard_checkpoint()?;
+        earlier.unfinished.end()?;
+    }
     print_files(all.iter().filter(|file| file.exists()))?;
     undrawn.map_or(Ok(()), Err)
 }
@@ -149,16 +154,21 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 /// Packs, and removes the checkpoint where going on from it would only repeat the answer.
 fn pack(
     options: &Options,
-    request: &PackingRequest,
+    job: &JobRequest,
     limits: &Limits,
     resume: Option<Resume>,
     watch: &Watch,
     earlier: &resume::Earlier,
 ) -> Result<Packing, Failure> {
-    let packing = packstone_engine::pack_or_resume(request, limits, resume, watch);
+    let packing = packstone_engine::pack_or_resume(&job.packing(), limits, resume, watch);
     watch.finish();
     packing.or_else(|error| {
         let exit = Exit::of_packing(&error);
+        let timed_out = watch.timed_out(job).filter(|_| matches!(error, PackError::Stopped { .. }));
+        if let Some(failure) = timed_out {
+            earlier.discard_checkpoint()?;
+            return Err(Exit::TargetNotReached.because(failure.detail));
+        }
         match error {
             PackError::Stopped { placed, grains } => {
                 Err(exit.because(stopped(&earlier.checkpoint, placed, grains)))

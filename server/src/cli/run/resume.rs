@@ -1,5 +1,8 @@
 //! What an earlier `packstone run` left in the folder of the result: a checkpoint of a packing that was stopped, the
 //! record of a result that was not written as a whole, or a complete result.
+//!
+//! A partial result has its checkpoint and its record beside it. A run goes on from them where only the limits of the
+//! job differ (`method.stop`, `timeout_s`, `on_limit`), and replaces the files.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -30,8 +33,9 @@ pub(super) struct Earlier {
     /// The request whose run the checkpoint holds, where the run goes on from it.
     stored: Option<PackingRequest>,
     record: Option<Record>,
-    /// The request of the result in JSON that is there, where the run goes on.
+    /// The request of the result in JSON that is there, where the run goes on, and whether the result is partial.
     result: Option<Value>,
+    is_partial: bool,
 }
 
 /// Files of a complete result that stay as they are.
@@ -91,8 +95,15 @@ impl Earlier {
         let stored = (resumes && checkpoint.exists()).then(|| request_of(&checkpoint)).transpose()?;
         let json = options.out.join("result.json");
         let writes_json = options.format.iter().any(|format| format.name() == "json");
-        let result = if resumes && record.is_none() && writes_json { request_in(&json) } else { None };
-        Ok(Self { checkpoint, unfinished, stored, record, result })
+        let found = if resumes && record.is_none() && writes_json { request_in(&json) } else { None };
+        let (result, of_result) = found.unzip();
+        let is_partial = record.as_ref().map_or(of_result.unwrap_or(false), |record| record.partial);
+        Ok(Self { checkpoint, unfinished, stored, record, result, is_partial })
+    }
+
+    /// Whether a partial result is replaced, and nothing is left of its run.
+    pub(super) fn is_replaced(&self, options: &Options) -> bool {
+        self.is_partial && options.force && !options.earlier.resume
     }
 
     /// Whether there is nothing to go on from.
@@ -121,24 +132,34 @@ impl Earlier {
         };
         let left = self.record.as_ref().map(|_| self.unfinished.path());
         let left = left.or(self.checkpoint.exists().then_some(self.checkpoint.as_path()));
-        if let Some(left) = left.filter(|_| !resumes && !fresh) {
-            return Err(Exit::BadInput.because(format_args!(
-                "{} is left from a run that was stopped: go on from it by --resume, or discard it by --fresh",
-                left.display()
-            )));
+        if let Some(left) = left.filter(|_| !resumes && !fresh && !self.is_replaced(options)) {
+            let text = if self.is_partial {
+                "is of a partial result: go on with it by --resume and a higher limit, or replace it by --force"
+            } else {
+                "is left from a run that was stopped: go on from it by --resume, or discard it by --fresh"
+            };
+            return Err(Exit::BadInput.because(format_args!("{} {text}", left.display())));
         }
         let ours = serde_json::to_value(request)?;
+        let of_limits = |request: &Value| {
+            if self.is_partial { without_limits(request.clone()) } else { request.clone() }
+        };
         if let Some(theirs) = self.record.as_ref().and_then(|record| record.request.as_ref())
             && resumes
-            && *theirs != ours
+            && of_limits(theirs) != of_limits(&ours)
         {
-            let lines = differences(&ours, "the job", theirs, "the record");
+            let lines = differences(&of_limits(&ours), "the job", &of_limits(theirs), "the record");
             return Err(other_job(self.unfinished.path(), &options.job, &lines));
         }
         let of_record = |file: &PathBuf| self.record.as_ref().is_some_and(|record| record.names(file));
         let foreign: Vec<PathBuf> = files.iter().filter(|file| !of_record(file)).cloned().collect();
         let mut kept = Kept::default();
         let existing = || foreign.iter().filter(|file| file.exists());
+        let goes_on =
+            resumes && self.is_partial && self.result.as_ref().map(of_limits) == Some(of_limits(&ours));
+        if goes_on {
+            return Ok((state, kept));
+        }
         if resumes && !options.force && self.record.is_none() && existing().next().is_some() {
             let tables = options.format.iter().filter(|format| is_reproducible(**format));
             let is_table = |file: &PathBuf| {
@@ -167,14 +188,32 @@ impl Earlier {
     }
 }
 
-/// The request of a result in JSON; `None` where there is none that can be read.
-fn request_in(file: &Path) -> Option<Value> {
+/// The request of a result in JSON, and whether it is partial; `None` where there is none that can be read.
+fn request_in(file: &Path) -> Option<(Value, bool)> {
     #[derive(Deserialize)]
     struct Document {
         request: Value,
+        summary: Summary,
+    }
+    #[derive(Deserialize)]
+    struct Summary {
+        partial: Option<serde::de::IgnoredAny>,
     }
     let input = BufReader::with_capacity(1 << 18, File::open(file).ok()?);
-    serde_json::from_reader::<_, Document>(input).ok().map(|document| document.request)
+    let document: Document = serde_json::from_reader(input).ok()?;
+    Some((document.request, document.summary.partial.is_some()))
+}
+
+/// A job without what bounds its run.
+fn without_limits(mut job: Value) -> Value {
+    if let Some(fields) = job.as_object_mut() {
+        fields.remove("timeout_s");
+        fields.remove("on_limit");
+        if let Some(method) = fields.get_mut("method").and_then(Value::as_object_mut) {
+            method.remove("stop");
+        }
+    }
+    job
 }
 
 /// The request whose run the checkpoint holds, with the seed that may have been drawn for it.
@@ -191,18 +230,18 @@ fn state(
     request: &PackingRequest,
     stored: &PackingRequest,
 ) -> Result<Resume, Failure> {
-    open(file).and_then(|mut input| Resume::read_from(&mut input, request)).map_err(|error| match error {
-        CheckpointError::OtherRequest => {
-            let lines = differences(
-                &serde_json::to_value(request).unwrap_or_default(),
-                "the job",
-                &serde_json::to_value(stored).unwrap_or_default(),
-                "the checkpoint",
-            );
-            other_job(file, job, &lines)
-        }
-        other => Exit::BadInput.because(explain(file, &other)),
-    })
+    open(file).and_then(|mut input| Resume::read_with_limits(&mut input, request)).map_err(
+        |error| match error {
+            CheckpointError::OtherRequest => {
+                let document = |request: &PackingRequest| {
+                    serde_json::to_value(request.without_limits()).unwrap_or_default()
+                };
+                let lines = differences(&document(request), "the job", &document(stored), "the checkpoint");
+                other_job(file, job, &lines)
+            }
+            other => Exit::BadInput.because(explain(file, &other)),
+        },
+    )
 }
 
 fn other_job(left: &Path, job: &Path, lines: &[String]) -> Failure {

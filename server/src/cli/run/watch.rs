@@ -5,11 +5,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use packstone_engine::{Checkpoint, Control, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
 
 use super::super::bar::Bar;
 use super::super::exit::Failure;
 use super::super::signals::stop_on_signals;
+use crate::failure::Failure as JobFailure;
+use crate::jobs::JobRequest;
 use crate::local::Run;
 
 /// Control of a run at the terminal: that of a run in any process, with a bar, and stopped by signals.
@@ -21,16 +23,26 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    /// Watches a run whose checkpoints go to `file`, and that goes on from one where it is `resumed`.
-    pub(super) fn new(file: &Path, every: Duration, resumed: bool) -> Result<Self, Failure> {
+    /// Watches the run of a job whose checkpoints go to `file`, and that goes on from one where it is `resumed`.
+    pub(super) fn new(
+        job: &JobRequest,
+        file: &Path,
+        every: Duration,
+        resumed: bool,
+    ) -> Result<Self, Failure> {
         let run = Run::with_checkpoint_every(every);
-        run.begin(Some(file), resumed, None);
+        run.begin(Some(file), resumed, job.timeout_s, job.on_limit);
         Ok(Self { bar: Bar::new(), run, stop: stop_on_signals()?, failing: AtomicBool::new(false) })
     }
 
     /// Set when the run is to stop.
     pub(super) fn stop(&self) -> &Arc<AtomicBool> {
         &self.stop
+    }
+
+    /// The failure of a run that the time limit of its job ended; `None` where a signal did.
+    pub(super) fn timed_out(&self, job: &JobRequest) -> Option<JobFailure> {
+        self.run.timed_out(job.timeout_s)
     }
 
     /// Takes the bar away.
@@ -56,6 +68,14 @@ impl Control for Watch {
     fn should_stop(&self) -> bool {
         self.pass_on_stop();
         self.run.should_stop()
+    }
+
+    fn should_finish(&self) -> Option<Finish> {
+        self.run.should_finish()
+    }
+
+    fn wants_last_checkpoint(&self) -> bool {
+        self.run.wants_last_checkpoint()
     }
 
     fn wants_checkpoint(&self) -> bool {

@@ -11,6 +11,9 @@ use crate::methods::edmd::system::Counts;
 use crate::methods::edmd::tolerances::BEYOND_TARGET;
 use crate::packing::{GrowthPoint, RsaStatistics};
 
+/// Largest scale that grains can have grown to until they jam: a list may have sizes of any unit.
+const MOST_SCALE: f64 = f64::MAX;
+
 impl Run {
     /// The body of a checkpoint.
     pub(super) fn write(&self, frame: &Frame<'_>, out: &mut dyn Write) -> io::Result<()> {
@@ -161,6 +164,7 @@ impl Run {
         let bounds = self.system.container.bounds_mm();
         let longest: f64 = bounds.iter().sum();
         let sizes = match self.stage {
+            Stage::Scale if frame.to_jamming.is_some() => f64::MIN_POSITIVE..=MOST_SCALE,
             Stage::Scale => f64::MIN_POSITIVE..=BEYOND_TARGET,
             Stage::Length => 0.0..=frame.most_half_distance_mm().max(0.0),
         };

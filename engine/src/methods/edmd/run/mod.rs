@@ -14,21 +14,21 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
-use super::Expected;
 use super::blocks;
-use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
+use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming, scale_at_jamming};
 use super::container::Container;
 use super::growth_protocol::GrowthProtocol;
 use super::swap::unjam;
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
+use super::{Expected, ToJamming};
 use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::memory::{OutOfMemory, collected, filled};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::mix::sphere_volume;
 use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics};
-use crate::request::{EdmdOptions, PackingRequest};
+use crate::request::{Distance, EdmdOptions, OnLimit, PackingRequest};
 use crate::rng::cycle_stream;
 use crate::segregation::Preference;
 use forecast::Forecast;
@@ -75,6 +75,8 @@ const NEAR_TARGET: f64 = 5e-4;
 const EXPANSION: f64 = 3e-3;
 /// and so many times at most.
 const MOST_EXPANSIONS: u64 = 12;
+/// Pressure above which the scale at which a packing jams is known to a percent.
+const NEAR_JAMMING: f64 = 100.0;
 /// Swaps tried to free a pinned grain.
 const UNJAM_TRIES: u64 = 10_000;
 
@@ -107,6 +109,8 @@ pub(crate) struct Frame<'a> {
     pub(crate) expected: Expected,
     /// Most threads; the outcome does not depend on their number.
     pub(crate) threads: NonZeroUsize,
+    /// Whether grains grow by scale until they jam, whatever their size is then.
+    pub(crate) to_jamming: Option<ToJamming>,
     pub(crate) moments: Moments,
     /// The gradient that swaps keep to.
     pub(crate) preference: Option<Preference>,
@@ -115,6 +119,11 @@ pub(crate) struct Frame<'a> {
 }
 
 impl Frame<'_> {
+    /// Whether grains grow as far as they go, by scale or by length, in place of to a target.
+    pub(crate) fn is_without_target(&self) -> bool {
+        self.to_jamming.is_some() || matches!(self.request.distance, Distance::Maximize { .. })
+    }
+
     fn of_equal_grains(&self) -> bool {
         self.diameters_mm.first() == self.diameters_mm.last()
     }
@@ -138,6 +147,13 @@ impl Frame<'_> {
         } else {
             bounds.into_iter().map(|length| length * length).sum::<f64>().sqrt() / 2.0
         }
+    }
+
+    /// Whether the limit of time is reached, by a run that took so long before its checkpoint, or the run is to finish.
+    pub(crate) fn is_over(&self, earlier_s: f64) -> bool {
+        let elapsed_s = || earlier_s + self.started.elapsed().as_secs_f64();
+        self.control.should_finish().is_some()
+            || self.options.stop.time_s.is_some_and(|most| elapsed_s() >= most)
     }
 
     /// Standard deviation of the components of velocity that are uniform in plus minus the initial
@@ -205,7 +221,7 @@ impl Run {
             None => LOOSE_RATE,
         };
         let mut compression_rate = CompressionRate::new(rate, radii.len());
-        if stage == Stage::Length {
+        if stage == Stage::Length || frame.to_jamming.is_some() {
             compression_rate = compression_rate.without_target(radii.len(), frame.of_equal_grains());
         }
         let events_per_time = system.len() as f64 * frame.thermal_velocity() / mean;
@@ -252,7 +268,7 @@ impl Run {
     /// Grows until something ends it.
     pub(crate) fn grow(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Ended {
         loop {
-            if self.stage == Stage::Scale && self.size >= BEYOND_TARGET {
+            if self.is_grown(frame) {
                 return Ended::As(GrowthEnd::Target);
             }
             if let Some(end) = self.limit_reached(frame) {
@@ -271,6 +287,39 @@ impl Run {
                 Ok(Some(ended)) => return ended,
                 Err(refused) => return Ended::OutOfMemory(refused),
             }
+            if self.jams_outside(frame) {
+                return Ended::As(GrowthEnd::Stalled);
+            }
+        }
+    }
+
+    /// Whether the grains have the size that is their target.
+    fn is_grown(&self, frame: &Frame<'_>) -> bool {
+        self.stage == Stage::Scale && self.size >= BEYOND_TARGET && frame.to_jamming.is_none()
+    }
+
+    /// Whether it is clear that grains which grow until they jam do so at a scale outside of the bounds that are given.
+    fn jams_outside(&self, frame: &Frame<'_>) -> bool {
+        let Some([low, high]) = frame.to_jamming.and_then(|to| to.within) else { return false };
+        let scale = scale_at_jamming(self.size, self.pressure);
+        self.pressure > NEAR_JAMMING && !(low..=high).contains(&scale)
+    }
+
+    /// Keeps a checkpoint of growth that ended short of its target, where its packing is kept and whoever runs it wants
+    /// to go on later.
+    pub(crate) fn keep_last(&self, frame: &Frame<'_>, end: GrowthEnd) {
+        let is_short = match end {
+            GrowthEnd::Target => false,
+            GrowthEnd::Finished => true,
+            _ => {
+                self.stage == Stage::Scale
+                    && frame.to_jamming.is_none()
+                    && frame.request.on_limit == OnLimit::Keep
+            }
+        };
+        if is_short && frame.control.wants_last_checkpoint() {
+            let write = |out: &mut dyn Write| self.write(frame, out);
+            frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
         }
     }
 
@@ -308,14 +357,14 @@ impl Run {
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
         let relative_speed = match self.stage {
-            Stage::Scale => {
+            Stage::Scale if frame.to_jamming.is_none() => {
                 let now = self.size.powi(3) * self.target_fraction;
                 let distance = distance_to_jamming(now, self.target_fraction, self.pressure);
                 self.compression_rate.next(self.pressure, distance)
             }
             // Equal grains have nothing to exchange, and order where they have time.
             Stage::Length if frame.of_equal_grains() => self.compression_rate.next(self.pressure, 1.0),
-            Stage::Length => self.compression_rate.paced(self.pressure, self.collisions_left(frame)),
+            _ => self.compression_rate.paced(self.pressure, self.collisions_left(frame)),
         };
         // Grains that grow as fast as loose ones need neither swaps nor time to rearrange.
         let is_slowed = relative_speed < self.compression_rate.loose();
@@ -328,7 +377,9 @@ impl Run {
         let (growth, rate, left) = match self.stage {
             Stage::Scale => {
                 let alpha = speed / mean;
-                (protocol.by_scale(self.size, alpha), alpha, BEYOND_TARGET / self.size - 1.0)
+                let left =
+                    if frame.to_jamming.is_some() { f64::INFINITY } else { BEYOND_TARGET / self.size - 1.0 };
+                (protocol.by_scale(self.size, alpha), alpha, left)
             }
             Stage::Length => {
                 let left = frame.most_half_distance_mm() - self.size;
@@ -367,7 +418,11 @@ impl Run {
                 return Ok(Some(Ended::Stopped));
             }
             let done = self.system.counts.collisions() - before.collisions();
-            if reached >= end || done >= most_events || self.system.is_crowded() || self.out_of_time(frame) {
+            if reached >= end
+                || done >= most_events
+                || self.system.is_crowded()
+                || frame.is_over(self.earlier_s)
+            {
                 break;
             }
             self.report(frame);
@@ -383,7 +438,7 @@ impl Run {
         self.set_radii(protocol);
         let pressure_before = self.pressure;
         self.measure(&before, reached);
-        let finished = self.stage == Stage::Scale && self.size >= BEYOND_TARGET;
+        let finished = self.is_grown(frame);
         let mut time = reached;
         if in_blocks && !finished && self.limit_reached(frame).is_none() {
             match self.rearrange(frame, protocol, pressure_before, swaps_help, &mut rng)? {
@@ -396,7 +451,8 @@ impl Run {
         self.report(frame);
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let least_dt = frame.options.stop.stall_dt_s.unwrap_or_else(|| {
-            let share = if self.stage == Stage::Scale { TARGET_STALL } else { DISTANCE_STALL };
+            let has_target = self.stage == Stage::Scale && frame.to_jamming.is_none();
+            let share = if has_target { TARGET_STALL } else { DISTANCE_STALL };
             share * mean / frame.thermal_velocity()
         });
         let stalled = events >= n as f64 && time / events * (n as f64) < least_dt;
@@ -455,15 +511,14 @@ impl Run {
         by_limits.map_or(LENGTH_COLLISIONS - done, |left| left.min(MOST_LENGTH_COLLISIONS - done))
     }
 
-    fn out_of_time(&self, frame: &Frame<'_>) -> bool {
-        frame.options.stop.time_s.is_some_and(|most| self.elapsed_s(frame) >= most)
-    }
-
     fn limit_reached(&self, frame: &Frame<'_>) -> Option<GrowthEnd> {
+        if frame.control.should_finish().is_some() {
+            return Some(GrowthEnd::Finished);
+        }
         if frame.options.stop.events.is_some_and(|most| self.system.counts.collisions() >= most) {
             return Some(GrowthEnd::EventLimit);
         }
-        self.out_of_time(frame).then_some(GrowthEnd::TimeLimit)
+        frame.is_over(self.earlier_s).then_some(GrowthEnd::TimeLimit)
     }
 
     /// Puts the grains, which jammed just before their target, to where they fit exactly.

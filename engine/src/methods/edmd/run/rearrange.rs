@@ -46,13 +46,12 @@ impl Run {
         let share = (pressure_before / self.pressure).clamp(0.01, 1.0);
         let events_per_time = self.events_per_time * share;
         let progress = self.progress(frame);
-        let (limit, earlier_s) = (frame.options.stop.time_s, self.earlier_s);
+        let earlier_s = self.earlier_s;
         let collisions = AtomicU64::new(0);
         let is_over = |more: u64| {
             let so_far = collisions.fetch_add(more, Ordering::Relaxed) + more;
             frame.control.report(&further(&progress, so_far));
-            let is_late = limit.is_some_and(|most| earlier_s + frame.started.elapsed().as_secs_f64() >= most);
-            is_late || frame.control.should_stop()
+            frame.is_over(earlier_s) || frame.control.should_stop()
         };
         let swaps = Swaps {
             per_grain: SWAPS_PER_GRAIN,

@@ -26,7 +26,7 @@ impl Moments {
     }
 
     /// Volume fraction of grains whose diameters are longer by `more_mm`.
-    pub(super) fn volume_fraction(&self, more_mm: f64) -> f64 {
+    pub(crate) fn volume_fraction(&self, more_mm: f64) -> f64 {
         let [count, first, second, third] = self.sums;
         let cubes = third + more_mm * (3.0 * second + more_mm * (3.0 * first + more_mm * count));
         sphere_volume(1.0) * cubes / self.specimen_volume_mm3
@@ -39,6 +39,7 @@ impl Run {
         let largest = frame.diameters_mm.first().copied().unwrap_or(0.0);
         match (self.stage, &frame.request.distance) {
             (Stage::Length, _) => Some(2.0 * self.size * (1.0 - 1e-9)),
+            _ if frame.to_jamming.is_some() => None,
             (Stage::Scale, Distance::Constant { gap_mm: mm, .. }) => {
                 Some((self.size.min(1.0) * (largest + mm) - largest).max(0.0))
             }
@@ -46,11 +47,16 @@ impl Run {
         }
     }
 
+    /// Size of the grains over the requested one.
+    fn scale(&self, frame: &Frame<'_>) -> f64 {
+        if frame.to_jamming.is_some() { self.size } else { self.size.min(1.0) }
+    }
+
     /// Volume fraction of the grains at their present size, without their distance; with it where it
     /// is what grows.
     pub(crate) fn volume_fraction(&self, frame: &Frame<'_>) -> f64 {
         match self.stage {
-            Stage::Scale => frame.moments.volume_fraction(0.0) * self.size.min(1.0).powi(3),
+            Stage::Scale => frame.moments.volume_fraction(0.0) * self.scale(frame).powi(3),
             Stage::Length => frame.moments.volume_fraction(2.0 * self.size),
         }
     }
@@ -97,8 +103,7 @@ impl Run {
             limits.time_s.map(|most| self.elapsed_s(frame) / most),
         ];
         let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
-        let has_target = !matches!(frame.request.distance, Distance::Maximize { .. });
-        if !has_target {
+        if frame.is_without_target() {
             return match by_limits {
                 Some(share) => (share, true),
                 None if frame.of_equal_grains() => ((self.events_per_grain() / STALL_EVENTS).min(0.9), false),
@@ -152,7 +157,7 @@ impl Run {
     }
 
     /// What was counted.
-    pub(crate) fn statistics(&self, stop: GrowthEnd, seconds: f64) -> EdmdStatistics {
+    pub(crate) fn statistics(&self, frame: &Frame<'_>, stop: GrowthEnd, seconds: f64) -> EdmdStatistics {
         let counts = self.system.counts;
         let events = counts.collisions();
         EdmdStatistics {
@@ -174,6 +179,7 @@ impl Run {
             simulated_time_s: self.simulated_s,
             growth_scale: match self.stage {
                 // Without the margin beyond it the target is not reached.
+                Stage::Scale if frame.to_jamming.is_some() => self.size,
                 Stage::Scale if self.size < BEYOND_TARGET => self.size.min(1.0 - f64::EPSILON),
                 _ => 1.0,
             },

@@ -79,8 +79,12 @@ impl<S: ConvexShape> Run<S> {
         let growth = size / self.mark.0 - 1.0;
         let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
         self.mark = (size, self.statistics.cycles);
+        let within = of.to_jamming.and_then(|to| to.within);
+        if growth < SLOW_GROWTH && within.is_some_and(|[low, high]| !(low..=high).contains(&size)) {
+            return Some(End::Stalled);
+        }
         let goes_on =
-            self.change_pushes(growth) || has_grown || self.expand() || self.try_hard_pushes(growth);
+            self.change_pushes(of, growth) || has_grown || self.expand(of) || self.try_hard_pushes(growth);
         (!goes_on).then_some(End::Stalled)
     }
 
@@ -88,10 +92,10 @@ impl<S: ConvexShape> Run<S> {
     ///
     /// Grains then rearrange and change places while they grow again, and jam at a larger size. That is tried as long
     /// as the expansions that are left, by the mean gain of those before, add up to what is missing.
-    fn expand(&mut self) -> bool {
+    fn expand(&mut self, of: &MonteCarlo<'_, S>) -> bool {
         let size = self.size();
         let missing = 1.0 - size;
-        if self.stage != Stage::Scale || missing > NEAR_TARGET {
+        if self.stage != Stage::Scale || of.to_jamming.is_some() || missing > NEAR_TARGET {
             return false;
         }
         let gain = (size - self.jammed_at) / self.expansions.max(1) as f64;
@@ -114,8 +118,9 @@ impl<S: ConvexShape> Run<S> {
     /// Where light pushes hardly bring grains any further that are far from their target, hard ones are tried. They
     /// stay where they gain more for their time, until growth stalls with them as well. Near the target they are tried
     /// where it would end otherwise.
-    fn change_pushes(&mut self, growth: f64) -> bool {
-        let is_far = self.stage == Stage::Scale && 1.0 - self.size() > NEAR_TARGET;
+    fn change_pushes(&mut self, of: &MonteCarlo<'_, S>, growth: f64) -> bool {
+        let is_far =
+            self.stage == Stage::Scale && (of.to_jamming.is_some() || 1.0 - self.size() > NEAR_TARGET);
         let pushes = match self.pushes {
             Pushes::Light if is_far && growth < SLOW_GROWTH => return self.try_hard_pushes(growth),
             Pushes::Tried { growth: by_light } if growth > TRIAL_GAIN * by_light.max(STALL_GROWTH) => {

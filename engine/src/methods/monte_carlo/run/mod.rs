@@ -164,19 +164,35 @@ impl<S: ConvexShape> Run<S> {
         })
     }
 
-    /// Grows until something ends it.
+    /// Grows until something ends it, and keeps a checkpoint there if one is wanted.
     pub(super) fn grow(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<End, Interrupted> {
+        let end = self.grow_on(of, control)?;
+        let is_short = match end {
+            End::Target => false,
+            End::Finished => true,
+            _ => self.stage == Stage::Scale && of.to_jamming.is_none() && of.keeps_partial,
+        };
+        if let Some(keep) = of.keep_checkpoint.filter(|_| is_short && control.wants_last_checkpoint()) {
+            keep(&|out: &mut dyn Write| self.write(out));
+        }
+        Ok(end)
+    }
+
+    fn grow_on(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<End, Interrupted> {
         loop {
-            if self.stage == Stage::Scale && self.is_full_size() {
+            if self.stage == Stage::Scale && self.is_full_size() && of.to_jamming.is_none() {
                 if of.maximize.is_none() {
                     return Ok(End::Target);
                 }
                 self.begin_gap();
             }
+            if control.should_finish().is_some() {
+                return Ok(End::Finished);
+            }
             if let Some(end) = self.limit_reached(of) {
                 return Ok(end);
             }
-            let by = self.tighten();
+            let by = self.tighten(of.to_jamming.is_some());
             if self.lists_are_due(by) {
                 if let Some(keep) = of.keep_checkpoint.filter(|_| control.wants_checkpoint()) {
                     keep(&|out: &mut dyn Write| self.write(out));
@@ -206,8 +222,9 @@ impl<S: ConvexShape> Run<S> {
     }
 
     /// What the next cycle is to make tighter.
-    fn tighten(&self) -> Tighten {
+    fn tighten(&self, to_jamming: bool) -> Tighten {
         match self.stage {
+            Stage::Scale if to_jamming => Tighten::Shrink(1.0 / (1.0 + self.rate)),
             Stage::Scale => {
                 let target = 1.0 / BEYOND_TARGET / self.system.stretch;
                 // A trifle beyond, so that the last cycle reaches it.
@@ -296,9 +313,13 @@ impl<S: ConvexShape> Run<S> {
             if control.should_stop() {
                 return Ok(false);
             }
+            // What the grains have now is valid: the cycle need not go on to end.
+            if control.should_finish().is_some() {
+                return Ok(true);
+            }
         }
         self.compress(by)?;
-        self.note_point();
+        self.note_point(of);
         self.report(of, control);
         Ok(!control.should_stop())
     }
@@ -380,14 +401,17 @@ impl<S: ConvexShape> Run<S> {
             let orientation = nalgebra::UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(w, i, j, k));
             poses[rank as usize] = Pose { center_mm: center.into(), orientation };
         }
-        let scale =
-            if self.is_full_size() { 1.0 } else { (1.0 / self.system.stretch).min(1.0 - f64::EPSILON) };
+        let scale = match of.to_jamming {
+            Some(_) => self.size(),
+            None if self.is_full_size() => 1.0,
+            None => (1.0 / self.system.stretch).min(1.0 - f64::EPSILON),
+        };
         Ok(Outcome {
             poses,
             end,
             scale,
             gap_mm: self.gap_mm(of),
-            volume_fraction: self.volume_fraction(),
+            volume_fraction: self.volume_fraction(of),
             rsa: self.rsa,
             statistics: self.counted(),
             growth_s: self.elapsed_s() - self.rsa_s,

@@ -58,6 +58,7 @@ impl<S: ConvexShape> Run<S> {
     pub(super) fn gap_mm(&self, of: &MonteCarlo<'_, S>) -> Option<f64> {
         match (self.stage, of.maximize, of.rule.constant_mm()) {
             (Stage::Gap, ..) => Some(self.system.more),
+            _ if of.to_jamming.is_some() => None,
             (Stage::Scale, None, Some(mm)) if mm > 0.0 => {
                 Some((self.size().min(1.0) * (self.largest_mm + mm) - self.largest_mm).max(0.0))
             }
@@ -66,12 +67,13 @@ impl<S: ConvexShape> Run<S> {
     }
 
     /// Volume of the grains at their present size over that of the specimen.
-    pub(super) fn volume_fraction(&self) -> f64 {
-        self.target_fraction * (1.0 / self.system.stretch).min(1.0).powi(3)
+    pub(super) fn volume_fraction(&self, of: &MonteCarlo<'_, S>) -> f64 {
+        let most = if of.to_jamming.is_some() { f64::INFINITY } else { 1.0 };
+        self.target_fraction * (1.0 / self.system.stretch).min(most).powi(3)
     }
 
     /// Notes the end of a cycle, in the forecast and in the growth curve.
-    pub(super) fn note_point(&mut self) {
+    pub(super) fn note_point(&mut self, of: &MonteCarlo<'_, S>) {
         let share = (1.0 / (self.system.stretch * BEYOND_TARGET)).powi(3);
         self.forecast.note(self.work(), share);
         if !self.statistics.cycles.is_multiple_of(self.curve_stride) {
@@ -80,7 +82,7 @@ impl<S: ConvexShape> Run<S> {
         self.curve.push(CurvePoint {
             packing_time_s: self.elapsed_s(),
             moves: self.statistics.moves_tried,
-            volume_fraction: self.volume_fraction(),
+            volume_fraction: self.volume_fraction(of),
             gap_mm: (self.stage == Stage::Gap).then_some(self.system.more),
         });
         if self.curve.len() >= CURVE_POINTS {
@@ -102,7 +104,7 @@ impl<S: ConvexShape> Run<S> {
         ];
         let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
         let work = self.work();
-        if of.maximize.is_some() {
+        if of.maximize.is_some() || of.to_jamming.is_some() {
             return match by_limits {
                 Some(share) => (share, true),
                 None => ((work / STALL_WORK).min(0.9), false),
@@ -124,7 +126,7 @@ impl<S: ConvexShape> Run<S> {
         self.fraction = self.fraction.max(fraction.min(1.0));
         let moves = self.statistics.moves_tried;
         let seconds = (self.elapsed_s() - self.rsa_s).max(1e-9);
-        let volume_fraction = self.volume_fraction();
+        let volume_fraction = self.volume_fraction(of);
         control.report(&Progress {
             phase: Phase::MonteCarlo,
             fraction: self.fraction,

@@ -31,6 +31,8 @@ fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
         seed: 1,
         preference: None,
         keep_checkpoint: None,
+        to_jamming: None,
+        keeps_partial: false,
     }
 }
 
@@ -58,7 +60,7 @@ fn a_packing_that_jams_near_its_target_is_expanded_while_that_helps() {
     assert_eq!(run.limit_reached(&of), None);
     assert!((run.size() * (1.0 + EXPANSION) / 0.99 - 1.0).abs() < 1e-12, "{}", run.size());
     assert_eq!((run.expansions, run.rate), (1, MOST_RATE));
-    assert!(run.lists_are_due(run.tighten()));
+    assert!(run.lists_are_due(run.tighten(false)));
     // Eleven more that gain as much reach the target.
     jam(&mut run, 0.991);
     assert_eq!((run.limit_reached(&of), run.expansions), (None, 2));
@@ -163,7 +165,7 @@ fn grains_stay_in_the_skins_that_their_lists_hold_for() {
         let mut run = Run::new(&of, packed.poses, 0.85, Instant::now()).unwrap();
         let mut most = 0.0_f64;
         while !run.is_full_size() && run.statistics.cycles < 1000 {
-            let by = run.tighten();
+            let by = run.tighten(false);
             if run.lists_are_due(by) {
                 run.build_lists().unwrap();
             }
