@@ -219,8 +219,8 @@ async fn wrong_results_are_refused_and_an_honest_worker_ends_the_job() {
     let count = jobs_sent.len() as f64;
     assert_eq!(client.metric("packstone_results_checked_total{outcome=\"wrong\"}").await, count);
     // Bytes that are cut off, as they are and as they were to be.
-    let (id, job) = &jobs_sent[0];
-    let mut cut = packer.result(job, id).await;
+    let (id, job) = jobs_sent[0].clone();
+    let mut cut = packer.result(&job, &id).await;
     cut.truncate(cut.len() - 100);
     let truncated = client.submit(&jobs::with(job.clone(), "/priority", json!(99))).await;
     let truncated = id_of(&truncated);
@@ -232,6 +232,16 @@ async fn wrong_results_are_refused_and_an_honest_worker_ends_the_job() {
     by_hand.send(&lease, cut).await.expect_problem(400, "validation-error");
     assert_eq!(client.job(truncated).await["state"], "queued");
     jobs_sent.push((truncated.to_owned(), job.clone()));
+    // Right grains whose sum, which the worker has written after them, is not theirs.
+    let damaged = client.submit(&jobs::with(job.clone(), "/priority", json!(100))).await;
+    let damaged = id_of(&damaged);
+    let mut file = packer.result(&job, damaged).await;
+    *file.last_mut().unwrap() ^= 1;
+    let lease = by_hand.lease("sums", damaged).await;
+    let refused = by_hand.send(&lease, file).await.expect_problem(400, "validation-error");
+    assert!(refused.to_string().contains("do not have the sum"), "{refused:#}");
+    assert_eq!(client.job(damaged).await["state"], "queued");
+    jobs_sent.push((damaged.to_owned(), job.clone()));
 
     honest(folder.path(), &server).await;
     for (id, job) in jobs_sent {
@@ -239,7 +249,7 @@ async fn wrong_results_are_refused_and_an_honest_worker_ends_the_job() {
         assert_eq!((&done["state"], &done["worker"]), (&json!("succeeded"), &json!("honest")), "{done:#}");
         assert!(client.result_in(&id, "npy").await == packed_alone(folder.path(), &job).await, "{job:#}");
     }
-    assert_eq!(data_dir.artifacts().len() as f64, count + 1.0, "no wrong file is left");
+    assert_eq!(data_dir.artifacts().len() as f64, count + 2.0, "no wrong file is left");
     server.stop().await;
     packer.server.stop().await;
 }

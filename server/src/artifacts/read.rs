@@ -6,7 +6,7 @@ use std::io::{self, BufReader, Read, Seek as _};
 use std::sync::Arc;
 
 use packstone_engine::Unattended;
-use packstone_engine::export::tables::{Column, GrainSource, Head, stored::Layout};
+use packstone_engine::export::tables::{Column, GrainSource, Head, stored, stored::Layout};
 use packstone_engine::shape::Polyhedron;
 use sha2::{Digest, Sha256};
 
@@ -146,6 +146,14 @@ impl StoredResult {
         }
         let file = file.with_readers(layout.columns.len());
         Ok(Self { layout, file })
+    }
+
+    /// Makes sure that the file ends with the sum of its bytes: it is the one that its program has written.
+    ///
+    /// # Errors
+    /// Those of the disk; [`io::ErrorKind::InvalidData`] where it does not.
+    pub(super) fn check_sum(&self) -> io::Result<()> {
+        stored::verify(&mut self.file.reader())
     }
 
     /// All but the grains.

@@ -25,8 +25,8 @@ const MOST_BYTES_OF_GRAIN: u64 = 112;
 pub(crate) struct Expected {
     /// ID of its job.
     pub(crate) job: String,
-    /// The request of the job.
-    pub(crate) request: Value,
+    /// The request of the job, as JSON text.
+    pub(crate) request: String,
     /// SHA-256 of the file, in hexadecimal.
     pub(crate) sha256: String,
     /// Most bytes of the file.
@@ -115,14 +115,16 @@ fn examine(file: CheckedFile, expected: &Expected, sha256: &str) -> Result<(Repo
         return Err(ReceiveError::Damaged(text));
     }
     check_head(&file, expected)?;
-    let result = StoredResult::of(file).map_err(|error| match error.kind() {
+    let whole = StoredResult::of(file).and_then(|result| result.check_sum().map(|()| result));
+    let result = whole.map_err(|error| match error.kind() {
         io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof => {
             ReceiveError::Unexpected(format!("the file is no result: {error}"))
         }
         _ => ReceiveError::Io(error),
     })?;
     let head = result.head();
-    if head.job_id.as_deref() != Some(expected.job.as_str()) || head.request != expected.request {
+    let request: Value = serde_json::from_str(&expected.request).map_err(io::Error::from)?;
+    if head.job_id.as_deref() != Some(expected.job.as_str()) || head.request != request {
         return Err(ReceiveError::Unexpected("the file is the result of another request".into()));
     }
     if head.engine != EngineInfo::current() {
@@ -153,7 +155,7 @@ fn check_head(file: &CheckedFile, expected: &Expected) -> Result<(), ReceiveErro
     let number =
         |at: usize| lengths[at..at + 8].iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte));
     let (head, grains) = (number(0), number(8));
-    let most = most_head_bytes(expected.request.to_string().len() as u64);
+    let most = most_head_bytes(expected.request.len() as u64);
     if head > most {
         let text = format!("the head of the file has {head} bytes: must have at most {most}");
         return Err(ReceiveError::Unexpected(text));

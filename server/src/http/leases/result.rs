@@ -81,9 +81,8 @@ async fn take_in(
     let began = Instant::now();
     let store = &app.shared.store;
     let job = store.get(path.id).await?.ok_or_else(lost)?;
-    let request = store.request(job.seq).await?;
-    let limits = &app.shared.limits;
-    let most_bytes = most_bytes_of_result(limits.max_grains, request.to_string().len() as u64);
+    let request = store.request_text(job.seq).await?;
+    let most_bytes = most_bytes_of_result(app.shared.limits.max_grains, request.len() as u64);
     let most_bytes = app.shared.storage.room(&job.owner).await?.0.min(most_bytes);
     check_length(&headers, most_bytes)?;
     let expected = Expected { job: path.id.to_string(), request, sha256, most_bytes };

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::bodies::{self, body_of_job};
+use super::bodies::body_of_job;
 use super::checked::MOST_WRONG_RESULTS;
 use super::db::{Row, Source, Transaction, either, query};
 use super::leases::Claim;
@@ -76,8 +76,8 @@ pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
 pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
 /// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact. Changes
-/// nothing where the claim has leased another number of jobs than `?9`: then it is a repeated one. Changes nothing
-/// either where the process has sent `?10` wrong results.
+/// nothing where the claim holds another number of leases than `?9`: then it is a repeated one. Changes nothing either
+/// where the process has sent `?10` wrong results.
 macro_rules! lease {
     ($next:expr) => {
         concat!(
@@ -89,6 +89,7 @@ macro_rules! lease {
             ") and ?9 = (
                  select count(*) from jobs as leased
                  where leased.claim = ?8 and leased.worker_key = ?7 and leased.state = 'running'
+                     and leased.received_at is null
              ) and ?10 > (
                  select count(*) from wrong_results where wrong_results.worker_key = ?7 and wrong_results.worker = ?6
              ) returning *, cast(null as text) as path,
@@ -120,15 +121,19 @@ impl Claimed {
         .bind(&claim.key)
         .fetch_all(tx)
         .await?;
-        found.iter().map(Self::of).collect()
+        let mut claimed = Vec::with_capacity(found.len());
+        for row in &found {
+            claimed.push(Self::of(row).await?);
+        }
+        Ok(claimed)
     }
 
     /// Of a row as [`rows::select_jobs!`] has it, with the request as `body`.
-    fn of(row: &Row) -> Result<Self, StoreError> {
+    async fn of(row: &Row) -> Result<Self, StoreError> {
         let job = rows::job(row)?;
         let study = job.study.map(|place| place.id);
         let lease = Lease { seq: job.seq, id: job.id, attempt: job.attempt, study };
-        let request = bodies::checked(row, "body", "body_digest")?.to_owned();
+        let request = rows::checked_text(row, "body", "body_digest").await?;
         Ok(Self { lease, job, request })
     }
 }
@@ -221,7 +226,7 @@ impl Store {
                 .bind(leased)
                 .bind(MOST_WRONG_RESULTS);
             let Some(row) = leasing.fetch_optional(&mut *tx).await? else { return Ok(None) };
-            match Claimed::of(&row) {
+            match Claimed::of(&row).await {
                 Err(StoreError::Row(fault)) => fail_damaged(tx, &row, &fault, now).await?,
                 claimed => return claimed.map(Some),
             }

@@ -146,12 +146,20 @@ impl Store {
     /// # Errors
     /// [`StoreError::NoJob`], or the database's.
     pub(crate) async fn request(&self, seq: i64) -> Result<Value, StoreError> {
-        let row = query(concat!("select ", body_of_job!(), " from jobs where jobs.seq = ?"))
-            .bind(seq)
-            .fetch_optional(self.readers())
-            .await?
-            .ok_or(StoreError::NoJob)?;
-        rows::checked_document(&row, "body", "body_digest").await
+        rows::checked_document(&self.request_row(seq).await?, "body", "body_digest").await
+    }
+
+    /// The same as JSON text.
+    ///
+    /// # Errors
+    /// Those of [`Self::request`].
+    pub(crate) async fn request_text(&self, seq: i64) -> Result<String, StoreError> {
+        rows::checked_text(&self.request_row(seq).await?, "body", "body_digest").await
+    }
+
+    async fn request_row(&self, seq: i64) -> Result<Row, StoreError> {
+        let found = query(concat!("select ", body_of_job!(), " from jobs where jobs.seq = ?"));
+        found.bind(seq).fetch_optional(self.readers()).await?.ok_or(StoreError::NoJob)
     }
 
     /// A page of at most `limit` jobs beyond the position `after` in the order of the filter.

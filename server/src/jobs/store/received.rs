@@ -251,7 +251,7 @@ impl Received {
             lease,
             worker: row.try_get("worker")?,
             key: row.try_get("worker_key")?,
-            request: bodies::checked(row, "body", "body_digest")?.to_owned(),
+            request: rows::checked_text(row, "body", "body_digest").await?,
             started_at: row.try_get("started_at")?,
             at: row.try_get("received_at")?,
             end,

@@ -184,3 +184,17 @@ async fn failures_wait_for_their_check_too() {
     let failed = store.get(next.id).await.unwrap().unwrap();
     assert_eq!((failed.state, failed.error), (State::Failed, Some(failure)));
 }
+
+/// The first answer was read, as its job is being checked. Whoever repeats the request takes another job, as after the
+/// end of the check, and does not wait in vain with a wake-up.
+#[tokio::test]
+async fn a_claim_that_is_repeated_while_its_result_is_checked_takes_another_job() {
+    let (_folder, store) = fresh().await;
+    submit(&store, json!({})).await;
+    let first = store.claim_for(claim("a", "node7")).await.unwrap();
+    let second = submit(&store, json!({})).await;
+    assert_eq!(store.claim_for(claim("a", "node7")).await.unwrap(), first);
+    store.receive_result(first[0].lease, artifact("ab/a.1.packstone"), progress(1.0)).await.unwrap();
+    let found = store.claim_for(claim("a", "node7")).await.unwrap();
+    assert_eq!(found.iter().map(|claimed| claimed.job.id).collect::<Vec<_>>(), [second.id]);
+}

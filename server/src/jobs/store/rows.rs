@@ -127,13 +127,36 @@ pub(super) fn json<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, Stor
     serde_json::from_str(text).map_err(|error| StoreError::Row(error.to_string()))
 }
 
+/// A stored text, which may be long, where it is the one that was stored.
+///
+/// # Errors
+/// [`StoreError::Row`] where it is another one, or the database's.
+pub(super) async fn checked_text(row: &Row, text: &str, digest_in: &str) -> Result<String, StoreError> {
+    let (text, digest) = (row.try_get::<String>(text)?, row.try_get::<i64>(digest_in)?);
+    let is_long = text.len() > LONG;
+    off_thread_if(is_long, move || {
+        bodies::compared(&text, digest)?;
+        Ok(text)
+    })
+    .await
+}
+
 /// A stored document, which may be long, where it is the one that was stored.
+///
+/// # Errors
+/// [`StoreError::Row`] where it is another one or no JSON, or the database's.
 pub(super) async fn checked_document(row: &Row, text: &str, digest_in: &str) -> Result<Value, StoreError> {
-    if row.text(text)?.len() <= LONG {
-        return json(bodies::checked(row, text, digest_in)?);
-    }
-    let (document, digest) = (row.try_get::<String>(text)?, row.try_get::<i64>(digest_in)?);
-    tasks::blocking(move || bodies::compared(&document, digest).and_then(json)).await?
+    let (text, digest) = (row.try_get::<String>(text)?, row.try_get::<i64>(digest_in)?);
+    let is_long = text.len() > LONG;
+    off_thread_if(is_long, move || bodies::compared(&text, digest).and_then(json)).await
+}
+
+/// Reads what is long off the threads that answer.
+async fn off_thread_if<T: Send + 'static>(
+    is_long: bool,
+    read: impl FnOnce() -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, StoreError> {
+    if is_long { tasks::blocking(read).await? } else { read() }
 }
 
 /// A row that cannot be read, or is not what was stored.

@@ -1,6 +1,7 @@
 //! Taking a study in: all of its jobs or none, in one transaction.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use packstone_engine::export::tables::EngineInfo;
 use serde_json::Value;
@@ -14,9 +15,12 @@ use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
 use crate::jobs::JobRequest;
 use crate::studies::{Point, Study};
+use crate::tasks;
 
 /// Rows of one insert: a statement has at most 32 766 parameters.
 const ROWS_AT_ONCE: usize = 1000;
+/// Bytes of the requests of one insert, but for the last: they are in memory at the same time.
+const BYTES_AT_ONCE: i64 = 4 << 20;
 
 /// A study to accept.
 #[derive(Clone, Debug)]
@@ -61,7 +65,7 @@ impl Store {
     pub(crate) async fn submit_study(&self, new: NewStudy) -> Result<SubmittedStudy, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let submitted = store.insert_study(&new).await?;
+            let submitted = store.insert_study(&Arc::new(new)).await?;
             if let SubmittedStudy::Created(study) = &submitted {
                 store.notify_study(study.id);
                 store.wake_worker();
@@ -84,9 +88,15 @@ impl Store {
         Ok(row.is_some())
     }
 
-    async fn insert_study(&self, new: &NewStudy) -> Result<SubmittedStudy, StoreError> {
+    async fn insert_study(&self, new: &Arc<NewStudy>) -> Result<SubmittedStudy, StoreError> {
         let jobs = new.study.jobs() as u64;
-        let request = to_json(&new.request)?;
+        let of = Arc::clone(new);
+        let splitting = tasks::blocking(move || {
+            let mut parts = Parts::default();
+            let request = parts.split(&to_json(&of.request)?);
+            Ok::<_, StoreError>((request, parts))
+        });
+        let (request, parts) = splitting.await??;
         let mut writer = self.writer().await?;
         let mut tx = writer.begin().await?;
         if let Some(existing) = find_key(&mut tx, new.idempotency_key.as_ref()).await? {
@@ -94,13 +104,11 @@ impl Store {
         }
         self.check_queue(&mut tx, &new.by.owner, jobs).await?;
         let now = self.now_us();
-        let mut parts = Parts::default();
-        let request = parts.split(&request);
         let study = insert_head(&mut tx, new, &request, now).await?;
         insert_points(&mut tx, study, &new.study).await?;
         let rows = rows_of(&mut tx, study, new).await?;
-        insert_jobs(&mut tx, study, &rows, new, now, &mut parts).await?;
-        count_parts(&mut tx, study, &new.by.owner, parts.bytes()).await?;
+        let bytes_of_parts = insert_jobs(&mut tx, study, &rows, new, now, parts).await?;
+        count_parts(&mut tx, study, &new.by.owner, bytes_of_parts).await?;
         insert_labels(&mut tx, &rows).await?;
         let record = query::by_seq(&mut tx, study).await?;
         tx.commit().await?;
@@ -247,22 +255,32 @@ async fn rows_of<'a>(
     Ok(rows.collect())
 }
 
+/// Writes the jobs with their requests, and returns the bytes of the parts of these. Requests are written as text off
+/// the threads that answer: there may be ten thousand, or each may have a million diameters.
 async fn insert_jobs(
     tx: &mut Transaction<'_>,
     study: i64,
     rows: &[Row<'_>],
-    new: &NewStudy,
+    new: &Arc<NewStudy>,
     now: i64,
-    parts: &mut Parts,
-) -> Result<(), StoreError> {
+    mut parts: Parts,
+) -> Result<i64, StoreError> {
     let engine = to_json(&EngineInfo::current())?;
-    for chunk in rows.chunks(ROWS_AT_ONCE) {
+    let mut left = rows;
+    while !left.is_empty() {
+        let places: Vec<_> = left.iter().take(ROWS_AT_ONCE).map(|row| (row.point, row.replicate)).collect();
+        let of = Arc::clone(new);
+        let writing = tasks::blocking(move || {
+            let bodies = bodies_of(&of.study, &places, &mut parts);
+            (bodies, parts)
+        });
+        let bodies;
+        (bodies, parts) = writing.await?;
+        let bodies = bodies?;
+        let chunk;
+        (chunk, left) = left.split_at(bodies.len());
         let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
-        let mut bodies = Vec::with_capacity(chunk.len());
-        for row in chunk {
-            bodies.push(parts.split(&to_json(&new.study.points[row.point].replicate(row.replicate))?));
-        }
         parts.insert(tx, study).await?;
         let mut query = QueryBuilder::new(
             "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
@@ -290,7 +308,25 @@ async fn insert_jobs(
         query.build().execute(&mut *tx).await?;
         insert_bodies(tx, chunk, bodies).await?;
     }
-    Ok(())
+    Ok(parts.bytes())
+}
+
+/// The requests of the first of these jobs, at least one, as many as have [`BYTES_AT_ONCE`].
+fn bodies_of(
+    study: &Study,
+    places: &[(usize, usize)],
+    parts: &mut Parts,
+) -> Result<Vec<StoredBody>, StoreError> {
+    let (mut bodies, mut bytes) = (Vec::with_capacity(places.len()), 0);
+    for (point, replicate) in places {
+        let body = parts.split(&to_json(&study.points[*point].replicate(*replicate))?);
+        bytes += body.bytes();
+        bodies.push(body);
+        if bytes >= BYTES_AT_ONCE {
+            break;
+        }
+    }
+    Ok(bodies)
 }
 
 async fn insert_bodies(
