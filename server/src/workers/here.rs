@@ -1,5 +1,6 @@
 //! Jobs from the store of this process.
 
+use futures_util::FutureExt as _;
 use packstone_engine::Limits;
 use tokio_util::sync::CancellationToken;
 
@@ -7,7 +8,7 @@ use super::ending::{Cause, Told};
 use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
 use super::task::LeaseError;
-use crate::jobs::store::{Store, WorkUntil};
+use crate::jobs::store::{Store, WakeUp, WorkUntil};
 use crate::jobs::{Lease, WaitReason};
 use crate::storage::{Bound, Storage};
 
@@ -33,22 +34,30 @@ impl Here {
         slots: &Slots,
         shutdown: &CancellationToken,
     ) -> Result<Option<(Work, Held)>, LeaseError> {
-        if !slots.are_free() {
-            // A wake-up that this executor got before the slots were taken is another worker's.
-            self.store.wake_next_worker();
-        }
-        let mut reserved = tokio::select! {
-            reserved = slots.reserve() => reserved,
-            () = shutdown.cancelled() => return Ok(None),
-        };
-        let mark = self.store.queue_mark();
-        let Some(claimed) = self.store.claim().await? else {
+        let mut wake_up: Option<WakeUp> = None;
+        let (mut reserved, claimed) = loop {
+            let reserved = match slots.reserve().now_or_never() {
+                Some(reserved) => reserved,
+                None => {
+                    // Without a free slot the wake-up is another worker's.
+                    drop(wake_up.take());
+                    tokio::select! {
+                        reserved = slots.reserve() => reserved,
+                        () = shutdown.cancelled() => return Ok(None),
+                    }
+                }
+            };
+            let mark = self.store.queue_mark();
+            let claimed = self.store.claim().await?;
+            wake_up.take().into_iter().for_each(WakeUp::end);
+            if let Some(claimed) = claimed {
+                break (reserved, claimed);
+            }
             drop(reserved);
             tokio::select! {
-                () = self.store.queue_notified(mark, WorkUntil::Unlimited) => {}
-                () = shutdown.cancelled() => {}
+                woken = self.store.queue_notified(mark, WorkUntil::Unlimited) => wake_up = Some(woken),
+                () = shutdown.cancelled() => return Ok(None),
             }
-            return Ok(None);
         };
         let threads = threads_of(claimed.job.threads, claimed.job.most_threads);
         let mut left = 0;

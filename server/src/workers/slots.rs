@@ -66,11 +66,6 @@ impl Slots {
         self.shared.busy.load(Ordering::Acquire)
     }
 
-    /// Whether a slot is free at this moment.
-    pub(crate) fn are_free(&self) -> bool {
-        self.shared.free.available_permits() > 0
-    }
-
     /// Waits for a free slot, and keeps it for a job that is to be claimed.
     pub(crate) async fn reserve(&self) -> Reserved<'_> {
         let shared = &self.shared;

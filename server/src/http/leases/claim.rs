@@ -20,7 +20,7 @@ use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{json, set};
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::{Claim, Claimed, Store, StoreError, WorkUntil};
+use crate::jobs::store::{Claim, Claimed, Store, StoreError, WakeUp, WorkUntil};
 use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
@@ -34,7 +34,8 @@ const MAX_BODY_BYTES: u64 = 16 << 10;
 ///
 /// For `packstone worker` of the same build, with a key of the role `worker`. With `Prefer: wait=N` the answer is held
 /// back until a job waits. A lease ends by its result, by `/end`, or when it was not renewed for `lease_s`. With no
-/// `slots` the answer has only jobs that an earlier request of the same `claim` has leased, whose answer was not read.
+/// `slots` the answer has only jobs that an earlier request of the same `claim` has leased, whose answer was not read,
+/// and is not held back.
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/leases", tag = "workers", operation_id = "lease_jobs",
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
@@ -72,14 +73,17 @@ pub(crate) async fn lease(
     let store = &app.shared.store;
     let mut mark = store.queue_mark();
     let mut claimed = claim_heard(&app, claim()).await?;
-    while claimed.is_empty() && Instant::now() < until {
-        tokio::select! {
-            () = store.queue_notified(mark, work_until) => {}
-            () = sleep_until(until) => {}
+    // Who takes no other job does not wait for one: a wake-up would be lost on it.
+    while claimed.is_empty() && slots > 0 && Instant::now() < until {
+        let wake_up = tokio::select! {
+            wake_up = store.queue_notified(mark, work_until) => Some(wake_up),
+            () = sleep_until(until) => None,
             () = app.shared.shutdown.cancelled() => break,
-        }
+        };
         mark = store.queue_mark();
+        // The wake-up of a worker that is blocked meanwhile, or has hung up, passes to the next.
         claimed = claim_heard(&app, claim()).await?;
+        wake_up.into_iter().for_each(WakeUp::end);
     }
     let mut response = if claimed.is_empty() {
         StatusCode::NO_CONTENT.into_response()

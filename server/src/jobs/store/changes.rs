@@ -40,6 +40,27 @@ pub(super) enum Change {
     Lost,
 }
 
+/// The wake-up of an idle worker. It passes to the next idle worker when it is dropped: the worker has stopped before
+/// the store has answered, has no slot, or may not have a job.
+#[derive(Debug)]
+#[must_use = "it passes to the next idle worker when it is dropped"]
+pub(crate) struct WakeUp(Option<Store>);
+
+impl WakeUp {
+    /// Ends the wake-up: the store has answered the worker. Where it had no job, no other idle worker would find one.
+    pub(crate) fn end(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for WakeUp {
+    fn drop(&mut self) {
+        if let Some(store) = self.0.take() {
+            store.wake_next_worker();
+        }
+    }
+}
+
 impl Shared {
     /// Wakes those who wait in this process.
     pub(super) fn wake(&self, change: Change) {
@@ -113,8 +134,9 @@ impl Store {
     }
 
     /// Waits until there may be a job for a worker that takes jobs until then, and has found none since the mark.
-    pub(crate) async fn queue_notified(&self, since: Mark, until: WorkUntil) {
+    pub(crate) async fn queue_notified(&self, since: Mark, until: WorkUntil) -> WakeUp {
         self.shared.idle_workers.woken(since, until).await;
+        WakeUp(Some(self.clone()))
     }
 
     /// Wakes an idle worker where a job waits that it may start, whatever was told: quotas are raised, pauses end and

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::task::Poll;
+
 use futures_util::poll;
 use serde_json::json;
 use tokio::time::Instant;
@@ -232,7 +234,7 @@ async fn a_claim_within_a_time_looks_at_the_next_jobs_of_each_owner_only() {
     assert_eq!(claimed_within(&store, 10).await, None, "it is too far behind");
     let (mark, until) = (store.queue_mark(), WorkUntil::Moment(Instant::now() + Duration::from_secs(10)));
     store.cancel(first).await.unwrap();
-    store.queue_notified(mark, until).await;
+    store.queue_notified(mark, until).await.end();
     assert_eq!(claimed_within(&store, 10).await, Some(short));
 }
 
@@ -252,6 +254,28 @@ async fn an_idle_worker_looks_for_jobs_that_nobody_told_it_of() {
     let mut other = Box::pin(store.queue_notified(store.queue_mark(), WorkUntil::Unlimited));
     assert!(poll!(other.as_mut()).is_pending());
     store.look_for_jobs().await.unwrap();
-    assert!(poll!(other.as_mut()).is_ready() && poll!(idle.as_mut()).is_pending());
+    let Poll::Ready(wake_up) = poll!(other.as_mut()) else { panic!("it has the time") };
+    assert!(poll!(idle.as_mut()).is_pending());
     assert_eq!(store.claim().await.unwrap().unwrap().job.id, long);
+    wake_up.end();
+}
+
+#[tokio::test]
+async fn a_wake_up_passes_from_a_worker_that_gets_no_answer_to_the_next() {
+    let (_folder, store) = fresh().await;
+    let idle = || Box::pin(store.queue_notified(store.queue_mark(), WorkUntil::Unlimited));
+    let mut idle = [idle(), idle(), idle()];
+    for worker in &mut idle {
+        assert!(poll!(worker.as_mut()).is_pending());
+    }
+    submit(&store, json!({})).await;
+    let [blocked, next, last] = &mut idle;
+    let Poll::Ready(wake_up) = poll!(blocked.as_mut()) else { panic!("it has waited longest") };
+    assert!(poll!(next.as_mut()).is_pending(), "one wake-up wakes one worker");
+    // The worker has sent three wrong results meanwhile, has hung up, or the store has failed.
+    drop(wake_up);
+    let Poll::Ready(wake_up) = poll!(next.as_mut()) else { panic!("the wake-up is lost") };
+    assert!(store.claim().await.unwrap().is_some());
+    wake_up.end();
+    assert!(poll!(last.as_mut()).is_pending(), "no job is left for it");
 }

@@ -84,6 +84,7 @@ use idle_workers::IdleWorkers;
 use presence::{Damage, Mark, Presence};
 use writer::{Writer, Writing};
 
+pub(crate) use changes::WakeUp;
 pub(crate) use checked::{FaultyWorker, FormatLengths, MOST_WRONG_RESULTS};
 pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};

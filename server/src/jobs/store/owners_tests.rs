@@ -102,7 +102,7 @@ async fn an_owner_at_his_bound_holds_up_no_other() {
     // A worker that waits is told, whichever way a job ends.
     let mark = store.queue_mark();
     succeed(&store, first.lease).await;
-    store.queue_notified(mark, WorkUntil::Unlimited).await;
+    store.queue_notified(mark, WorkUntil::Unlimited).await.end();
     assert_eq!(starts(&store, 2).await, "a-");
     let usage = Usage { queued: 1, running: 2, stored_bytes: requests + 10 };
     assert_eq!(store.usage_of("a").await.unwrap(), usage);

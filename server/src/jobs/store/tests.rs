@@ -510,7 +510,7 @@ async fn changes_wake_whoever_waits_for_the_job() {
     store.cancel(job).await.unwrap();
     changes.changed().await;
     // A worker whose mark is older than the submission does not wait.
-    store.queue_notified(mark, WorkUntil::Unlimited).await;
+    store.queue_notified(mark, WorkUntil::Unlimited).await.end();
 }
 
 #[tokio::test]
