@@ -5,6 +5,8 @@
 //! ([`runs`]). Jobs of a study are jobs as any other, but that they leave with it.
 
 mod actions;
+#[cfg(test)]
+mod actions_tests;
 mod query;
 pub(super) mod runs;
 mod submit;

@@ -18,7 +18,7 @@ use crate::studies::table::Cells;
 use crate::studies::{Facts, Study};
 
 /// Two points, each so many times.
-fn two_points(replicates: u32, extra: &Value) -> Value {
+pub(super) fn two_points(replicates: u32, extra: &Value) -> Value {
     let mut study = json!({
         "seed": 7,
         "template": {
@@ -42,7 +42,7 @@ fn new(request: &Value, key: Option<(&str, &str)>) -> NewStudy {
     NewStudy { request: study.recorded(request), study, by: Submitter::default(), idempotency_key }
 }
 
-async fn take_in(store: &Store, request: &Value) -> StudyRecord {
+pub(super) async fn take_in(store: &Store, request: &Value) -> StudyRecord {
     match store.submit_study(new(request, None)).await.unwrap() {
         SubmittedStudy::Created(study) => study,
         SubmittedStudy::Existing(_) => panic!("a study without a key exists already"),
@@ -65,7 +65,7 @@ async fn fail(store: &Store, lease: Lease, kind: FailureCode, time_s: f64) {
 }
 
 /// The study as it is.
-async fn again(store: &Store, study: &StudyRecord) -> StudyRecord {
+pub(super) async fn again(store: &Store, study: &StudyRecord) -> StudyRecord {
     store.study(study.id).await.unwrap().unwrap()
 }
 
