@@ -130,6 +130,31 @@ async fn a_run_that_is_stopped_between_two_files_goes_on_with_its_seed() {
     assert_eq!(fs::read(out.join("result.csv")).unwrap(), b"mine");
 }
 
+/// Each format alone: those that state their request, and tables, which are compared.
+#[tokio::test]
+async fn a_complete_result_of_any_format_is_left_as_it_is() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    fs::write(folder.join("job.json"), jobs::quick(3).to_string()).unwrap();
+    fs::write(folder.join("other.json"), jobs::quick(4).to_string()).unwrap();
+    for format in ["json", "csv", "npy", "vtp", "vtk", "view", "html"] {
+        let run = |job| ["run", job, "--out", format, "--resume", "--format", format];
+        let (first, out) = (packstone(folder, &run("job.json")).await, folder.join(format));
+        assert_eq!(first.code, Some(0), "{format}: {first:?}");
+        let file = out.join(format!("result.{format}"));
+        let bytes = fs::read(&file).unwrap();
+        let again = packstone(folder, &run("job.json")).await;
+        assert_eq!(again.code, Some(0), "{format}: {again:?}");
+        assert!(fs::read(&file).unwrap() == bytes && files(&out).len() == 1, "{format}");
+        let other = packstone(folder, &run("other.json")).await;
+        assert_eq!(other.code, Some(3), "{format}: {other:?}");
+        // A file that is cut is no complete result.
+        fs::write(&file, &bytes[..bytes.len() - 3]).unwrap();
+        let cut = packstone(folder, &run("job.json")).await;
+        assert_eq!(cut.code, Some(3), "{format}: {cut:?}");
+    }
+}
+
 #[tokio::test]
 async fn exports_that_are_killed_at_any_moment_are_made_by_the_same_command() {
     let directory = tempfile::tempdir().unwrap();

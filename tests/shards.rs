@@ -89,6 +89,11 @@ fn runs(out: &Path) -> BTreeMap<(u64, u64), (String, String)> {
     runs
 }
 
+/// A line of a log, of these members and the bracket after them: it begins with their CRC-32.
+fn summed(members: &str) -> String {
+    format!("{{\"crc32\":\"{:08x}\",{members}", crc32fast::hash(members.as_bytes()))
+}
+
 /// What two finished studies have in common, whoever ran them: everything but times.
 fn assert_equal(one: &Path, other: &Path) {
     assert_eq!(rows_without_times(one), rows_without_times(other));
@@ -162,7 +167,7 @@ async fn a_merge_writes_what_one_machine_writes_byte_for_byte() {
             |generation| fs::read_to_string(log(generation)).is_ok_and(|text| text.lines().count() == 2);
         let generation = if full(1) { 2 } else { 1 };
         let text = fs::read_to_string(log(generation)).unwrap_or_default();
-        fs::write(log(generation), format!("{text}{{\"run\":{run}}}\n")).unwrap();
+        fs::write(log(generation), format!("{text}{}\n", summed(&format!("\"run\":{run}}}")))).unwrap();
     }
     succeed(directory, "out", &["--merge"]).await;
     let (mut one, mut out) = (files(&one), files(&out));
@@ -329,7 +334,10 @@ async fn a_merge_says_what_is_missing_and_refuses_what_two_logs_tell_differently
     let record = log.lines().find_map(|line| run_of(&line)).unwrap();
     let digest = record["digest"].as_str().unwrap();
     let forged = format!("{:0>64}", "abc");
-    fs::write(out.join("shards/0.2.jsonl"), log.replace(digest, &forged)).unwrap();
+    let forged_log = log.replace(digest, &forged);
+    let members = |line: &str| line.strip_prefix("{\"crc32\":\"").unwrap()[10..].to_owned();
+    let forged_log: String = forged_log.lines().map(|line| summed(&members(line)) + "\n").collect();
+    fs::write(out.join("shards/0.2.jsonl"), &forged_log).unwrap();
     let refused = run(directory, "out", &["--merge"]).await;
     assert_eq!(refused.code, Some(3), "{refused:?}");
     let run = format!("point 0, replicate {}, seed {}", record["replicate"], record["seed"]);

@@ -14,6 +14,7 @@ use base64::engine::general_purpose::STANDARD;
 use base64::write::EncoderWriter;
 use packstone_engine::export::tables::{self, Format, GrainSource, Head};
 use serde::Serialize;
+use serde_json::Value;
 
 use crate::web_files;
 
@@ -30,6 +31,10 @@ const STYLES: [&str; 2] = ["app.css", "job.css"];
 const SCHEME: &str = "packstone/";
 const POLICY: &str =
     "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; img-src blob: data:";
+
+/// The element before the JSON that the script reads, and the end of the file.
+const DATA: &str = "<script type=\"application/json\" id=\"result-data\">";
+const END: &str = "</html>\n";
 
 /// What the script of the file reads.
 #[derive(Serialize)]
@@ -86,7 +91,7 @@ fn write_document(
 <noscript><div class="notice" data-kind="warning"><p>This page needs JavaScript.</p></div></noscript>
 <div id="result" class="stack"></div>
 </main>
-<script type="application/json" id="result-data">{data}</script>
+{DATA}{data}</script>
 <script type="text/plain" id="grains-data">"#,
     )?;
     let mut base64 = EncoderWriter::new(Whole(&mut *out), &STANDARD);
@@ -98,7 +103,13 @@ fn write_document(
     }
     base64.finish()?;
     drop(base64);
-    write!(out, "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n</html>\n")
+    write!(out, "</script>\n<script type=\"module\">import \"{SCHEME}{ENTRY}\";</script>\n</body>\n{END}")
+}
+
+/// The result in a page, without its grains; `None` where the page is not complete.
+pub(crate) fn result_in(page: &str) -> Option<Value> {
+    let data = page.ends_with(END).then_some(page)?.split_once(DATA)?.1.split_once('<')?.0;
+    serde_json::from_str::<Value>(data).ok()?.get_mut("result").map(Value::take)
 }
 
 /// A writer that takes all that it gets: the encoder takes nothing where the writer below it takes a part.

@@ -22,6 +22,7 @@ use super::Options;
 use crate::atomic_file::partial_of;
 use crate::formats::ResultFormat;
 use crate::jobs::JobRequest;
+use crate::page;
 
 /// Name of the checkpoint in the folder of the result.
 const CHECKPOINT: &str = "checkpoint.packstone";
@@ -33,7 +34,8 @@ pub(super) struct Earlier {
     /// The request whose run the checkpoint holds, where the run goes on from it.
     stored: Option<PackingRequest>,
     record: Option<Record>,
-    /// The request of the result in JSON that is there, where the run goes on, and whether the result is partial.
+    /// The request of the result that is there, where the run goes on and a file of the result states it, and whether
+    /// the result is partial.
     result: Option<Value>,
     is_partial: bool,
 }
@@ -93,9 +95,11 @@ impl Earlier {
         let record = unfinished.read()?;
         let resumes = options.earlier.resume;
         let stored = (resumes && checkpoint.exists()).then(|| request_of(&checkpoint)).transpose()?;
-        let json = options.out.join("result.json");
-        let writes_json = options.format.iter().any(|format| format.name() == "json");
-        let found = if resumes && record.is_none() && writes_json { request_in(&json) } else { None };
+        let stated = |format: &ResultFormat| {
+            let file = options.out.join(format!("result.{}", format.name()));
+            request_in(&file, *format)
+        };
+        let found = if resumes && record.is_none() { options.format.iter().find_map(stated) } else { None };
         let (result, of_result) = found.unzip();
         let is_partial = record.as_ref().map_or(of_result.unwrap_or(false), |record| record.partial);
         Ok(Self { checkpoint, unfinished, stored, record, result, is_partial })
@@ -188,8 +192,9 @@ impl Earlier {
     }
 }
 
-/// The request of a result in JSON, and whether it is partial; `None` where there is none that can be read.
-fn request_in(file: &Path) -> Option<(Value, bool)> {
+/// The request that a complete file of a result states, and whether the result is partial; `None` where there is no such
+/// file, or its format has none.
+fn request_in(file: &Path, format: ResultFormat) -> Option<(Value, bool)> {
     #[derive(Deserialize)]
     struct Document {
         request: Value,
@@ -199,8 +204,17 @@ fn request_in(file: &Path) -> Option<(Value, bool)> {
     struct Summary {
         partial: Option<serde::de::IgnoredAny>,
     }
-    let input = BufReader::with_capacity(1 << 18, File::open(file).ok()?);
-    let document: Document = serde_json::from_reader(input).ok()?;
+    let document: Document = match format {
+        ResultFormat::Table(Format::Json) => {
+            let input = BufReader::with_capacity(1 << 18, File::open(file).ok()?);
+            serde_json::from_reader(input).ok()?
+        }
+        ResultFormat::Page => {
+            let page = std::fs::read_to_string(file).ok()?;
+            serde_json::from_value(page::result_in(&page)?).ok()?
+        }
+        ResultFormat::Table(_) => return None,
+    };
     Some((document.request, document.summary.partial.is_some()))
 }
 

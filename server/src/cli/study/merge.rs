@@ -14,6 +14,7 @@ use super::shards::claims::{self, PointLog};
 use super::shards::files::{self, publish};
 use super::{
     Done, Log, Options, discard_checkpoints, expand, limits_elsewhere, print_table, read_request, report,
+    summed_lines,
 };
 use crate::atomic_file::write_buffered;
 use crate::studies::{Outcome, Study, Table};
@@ -125,10 +126,9 @@ fn write(options: &Options, study: &Study, done: &Done<'_>, table: &Table) -> Re
         report::write(&staging, study, table, &done.records, !options.no_plot_titles).and_then(|files| {
             let runs = staging.join(Folder(&options.out).runs().file_name().unwrap_or_default());
             write_buffered(&runs, |out| {
-                done.records.iter().try_for_each(|record| {
-                    serde_json::to_writer(&mut *out, record)?;
-                    out.write_all(b"\n")
-                })
+                done.records
+                    .iter()
+                    .try_for_each(|record| out.write_all(summed_lines::line(record)?.as_bytes()))
             })?;
             publish(&staging, &options.out)?;
             Ok(files.iter().filter_map(|file| Some(options.out.join(file.file_name()?))).collect())

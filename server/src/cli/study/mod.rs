@@ -10,6 +10,7 @@ mod report;
 mod run_log;
 mod script;
 mod shards;
+mod summed_lines;
 mod watch;
 mod worker_pool;
 

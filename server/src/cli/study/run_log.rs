@@ -1,8 +1,8 @@
 //! The run log of a study: a folder with the request and a record of every run that ended, from which a study that was
 //! stopped or killed is resumed.
 //!
-//! `study.json` is the request, with its seed. `runs.jsonl` has one line per run, appended when the run ends. An
-//! incomplete last line is dropped, and its run is repeated.
+//! `study.json` is the request, with its seed. `runs.jsonl` has one line per run, appended when the run ends. A line
+//! begins with its sum ([`summed_lines`]). An incomplete last line is dropped, and its run is repeated.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -16,6 +16,7 @@ use serde_json::Value;
 
 use super::super::differences::differences;
 use super::super::exit::{Exit, Failure, cannot_be};
+use super::summed_lines;
 use crate::atomic_file;
 use crate::studies::{Facts, Outcome, Run, Study};
 use crate::telemetry::say;
@@ -183,10 +184,9 @@ impl Folder<'_> {
 impl RunLog {
     /// Appends the record of a run that ended.
     pub(super) fn add(&mut self, record: &RunRecord) -> io::Result<()> {
-        let mut line = serde_json::to_vec(record)?;
-        line.push(b'\n');
+        let line = summed_lines::line(record)?;
         // In one call, so that a kill rarely leaves an incomplete line.
-        self.runs.write_all(&line)?;
+        self.runs.write_all(line.as_bytes())?;
         if self.synced.elapsed() >= SYNC_EVERY {
             self.sync()?;
         }
@@ -214,7 +214,7 @@ fn read(text: &[u8], study: &Study) -> Result<(Vec<RunRecord>, usize), String> {
                 i + 1
             )
         };
-        let record: RunRecord = serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))?;
+        let record: RunRecord = summed_lines::read(line).map_err(|what| damaged(&what))?;
         if !record.is_of(study) {
             return Err(damaged("the study has no such run"));
         }
@@ -310,9 +310,24 @@ mod tests {
         let study = study(&request());
         let mut foreign = run_record(&study, 0, 0, 1.0);
         foreign.seed += 1;
-        for line in [serde_json::to_string(&foreign).unwrap(), "{}".into(), "\0\0".into()] {
-            let refused = read(format!("\n{line}\n").as_bytes(), &study).unwrap_err();
+        for line in [summed_lines::line(&foreign).unwrap(), "{}\n".into(), "\0\0\n".into()] {
+            let refused = read(format!("\n{line}").as_bytes(), &study).unwrap_err();
             assert!(refused.starts_with("line 2: ") && refused.contains("--fresh"), "{refused}");
+        }
+    }
+
+    /// Any bit of any line but the last, whose end may have been cut with its line.
+    #[test]
+    fn a_flipped_bit_is_found() {
+        let study = study(&request());
+        let line = summed_lines::line(&run_record(&study, 1, 0, 0.5)).unwrap();
+        let text = format!("{line}{}", summed_lines::line(&run_record(&study, 1, 1, 0.5)).unwrap());
+        assert_eq!(read(text.as_bytes(), &study).unwrap().0.len(), 2);
+        for bit in 0..8 * line.len() {
+            let mut flipped = text.clone().into_bytes();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            let refused = read(&flipped, &study).expect_err("a flipped bit");
+            assert!(refused.starts_with("line "), "{refused}");
         }
     }
 

@@ -2,7 +2,8 @@
 //!
 //! A point is run by one process at a time. The process claims it by creating the file `POINT.GENERATION.jsonl`, which
 //! fails if the file exists, and then appends the runs of the point to this file, which nobody else writes. Its first
-//! line names the process, and its last one says that the process has released the point. A released point, and one
+//! line names the process, and its last one says that the process has released the point; each begins with its sum
+//! ([`summed_lines`]). A released point, and one
 //! whose process is dead, is taken up by the next generation. Only exclusive creation, rename and synchronization are
 //! used, which NFS and Lustre have; no locks and no clocks of other machines.
 //!
@@ -22,6 +23,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::super::run_log::{RunRecord, SYNC_EVERY};
+use super::super::summed_lines;
 use super::files::{BEAT, FOLDER, named};
 use crate::atomic_file::{self, PARTIAL};
 use crate::cli::process::Process;
@@ -87,7 +89,7 @@ impl PointLog {
                 let text = format!("{}: line {}: {what}; remove the line", log.path.display(), i + 1);
                 io::Error::new(ErrorKind::InvalidData, text)
             };
-            match serde_json::from_slice(line).map_err(|error| damaged(&error.to_string()))? {
+            match summed_lines::read(line).map_err(|what| damaged(&what))? {
                 Line::Claim(process) => log.holder = Some(process),
                 Line::Run(record) => {
                     if record.point != point || !record.is_of(study) {
@@ -376,9 +378,7 @@ impl<'a> Claims<'a> {
 impl Held {
     /// Appends a line in one call, so that a kill rarely leaves an incomplete one.
     fn add(&mut self, line: &Line) -> io::Result<()> {
-        let mut line = serde_json::to_vec(line)?;
-        line.push(b'\n');
-        self.log.write_all(&line)
+        self.log.write_all(summed_lines::line(line)?.as_bytes())
     }
 }
 

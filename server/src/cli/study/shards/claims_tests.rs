@@ -34,9 +34,9 @@ fn elsewhere() -> Process {
 }
 
 fn claimed_elsewhere(out: &Path, point: usize) {
-    let line = serde_json::to_string(&Line::Claim(elsewhere())).unwrap();
+    let line = summed_lines::line(&Line::Claim(elsewhere())).unwrap();
     fs::create_dir_all(out.join(FOLDER)).unwrap();
-    fs::write(log_path(&out.join(FOLDER), point, 1), line + "\n").unwrap();
+    fs::write(log_path(&out.join(FOLDER), point, 1), line).unwrap();
 }
 
 #[test]
@@ -130,8 +130,8 @@ fn runs_without_shards_count_and_damage_is_named() {
     let mut foreign = run(&study, 1, 0, Outcome::Succeeded);
     foreign.seed += 1;
     for line in [Line::Run(foreign), Line::Run(earlier[0].clone())] {
-        let line = serde_json::to_string(&line).unwrap();
-        fs::write(log_path(&claims.folder, 1, 1), format!("\n{line}\n")).unwrap();
+        let line = summed_lines::line(&line).unwrap();
+        fs::write(log_path(&claims.folder, 1, 1), format!("\n{line}")).unwrap();
         let error = claims.claim(1).unwrap_err();
         assert!(error.to_string().contains("1.1.jsonl: line 2: the study has no such run"), "{error}");
         assert_eq!(error.kind(), ErrorKind::InvalidData);
