@@ -679,7 +679,8 @@ async fn the_documented_receiver_verifies() {
     }
 }
 
-/// How long a message to a good host takes beside hosts that hang.
+/// A message to a good host does not wait for those to hosts that hang. Attempts are counted, not seconds: where the
+/// hosts that hang go first, each of the 80 attempts ends before the message is sent (46 s).
 #[tokio::test]
 async fn hosts_that_hang_hold_up_no_other() {
     let (secret, data_dir) = (Secret::make().await, DataDir::new());
@@ -704,11 +705,18 @@ async fn hosts_that_hang_hold_up_no_other() {
     }
     let mut good = Receiver::start("127.0.0.1").await;
     let job = client.succeed(&with_url(jobs::quick(100), &good.url("/in"))).await;
-    let ended = std::time::Instant::now();
+    let ended_attempts = async || {
+        let metrics = client.get("/metrics").send().await;
+        let name = "packstone_webhook_deliveries_total{outcome=\"retried\"} ";
+        let text = std::str::from_utf8(&metrics.expect(200).body).unwrap();
+        // No line before the first.
+        text.lines().find_map(|line| line.strip_prefix(name)).map_or(0.0, |count| count.parse().unwrap())
+    };
+    let before = ended_attempts().await;
     good.next().await;
+    let meanwhile: f64 = ended_attempts().await - before;
+    assert!(meanwhile < hosts.len() as f64 / 2.0, "{meanwhile} attempts have ended meanwhile");
     webhook_of(&client, id_of(&job), "delivered").await;
-    // The hosts that hang take 46 s where they are asked before the good one.
-    assert!(ended.elapsed() < std::time::Duration::from_secs(15), "{:?}", ended.elapsed());
     held.abort();
     server.stop().await;
 }

@@ -37,8 +37,9 @@ const JITTER: f64 = 0.2;
 const STORE_PAUSE: Duration = Duration::from_secs(5);
 /// The store is asked this often at least: the clock of the machine may be set.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
-/// Shortest time between two questions to the store, and how many times as long as the last question took.
-const QUESTION_PAUSE: (Duration, u32) = (Duration::from_millis(20), 10);
+/// Time between two questions to the store: at least the first, so many times as long as the last question took, and at
+/// most the last.
+const QUESTION_PAUSE: (Duration, u32, Duration) = (Duration::from_millis(20), 10, Duration::from_millis(500));
 /// Where another server of the same database sends: time between two looks whether it still does.
 const LOOK_FOR_LEAD: Duration = Duration::from_secs(1);
 
@@ -79,13 +80,12 @@ impl WebhookSender {
                     () = sender.shutdown.cancelled() => return,
                 }
             }
-            let began = Instant::now();
-            let pause = sender.send_due(&mut on_the_way, &mut looking).await.unwrap_or_else(|error| {
+            let mut ask_again = Instant::now() + QUESTION_PAUSE.0;
+            let sent = sender.send_due(&mut on_the_way, &mut looking, &mut ask_again).await;
+            let pause = sent.unwrap_or_else(|error| {
                 tracing::error!(%error, "the webhooks that are due could not be read");
                 STORE_PAUSE
             });
-            // A store with many receivers is not asked once for each attempt that ends.
-            let ask_again = Instant::now() + QUESTION_PAUSE.0.max(began.elapsed() * QUESTION_PAUSE.1);
             let pause = sleep_until(ask_again.max(Instant::now() + pause));
             tokio::select! {
                 Some(ended) = on_the_way.tasks.join_next_with_id() => on_the_way.ended(attempt_of(ended)),
@@ -114,13 +114,19 @@ impl WebhookSender {
         }
     }
 
-    /// Starts what is due, and tells the time until there may be more.
+    /// Starts what is due, and tells the time until there may be more, and the earliest moment of the next question to
+    /// the store: one with many receivers is not asked once for each attempt that ends.
     async fn send_due(
         self: &Arc<Self>,
         on_the_way: &mut OnTheWay,
         looking: &mut Option<Task<()>>,
+        ask_again: &mut Instant,
     ) -> Result<Duration, StoreError> {
-        let choice = on_the_way.choose(self.store.waiting_by_receiver().await?, Instant::now());
+        let began = Instant::now();
+        let waiting = self.store.waiting_by_receiver().await?;
+        let (shortest, times, longest) = QUESTION_PAUSE;
+        *ask_again = Instant::now() + (began.elapsed() * times).clamp(shortest, longest);
+        let choice = on_the_way.choose(waiting, Instant::now());
         if !choice.go.is_empty() {
             // A changed secret counts for the next message, unless the disk of its file does not answer.
             self.look_at_secrets(looking).await;
