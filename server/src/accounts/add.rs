@@ -48,7 +48,7 @@ pub(crate) enum AddError {
 /// once everything is written and the file is about to be replaced; its failure leaves the file as it was.
 ///
 /// # Errors
-/// See [`AddError`]. The line is judged with the file as a whole: a name that is taken is refused.
+/// See [`AddError`]. The line is checked with the file as a whole: a name that is taken is refused.
 pub(crate) fn add_line(
     file: &Path,
     line: &str,

@@ -73,13 +73,13 @@ impl Output {
         [self.file.clone(), beside(&self.file, "report.json")].into_iter().chain(companion)
     }
 
-    /// Judges what can be judged before there are grains.
+    /// Checks what can be checked before there are grains.
     pub(super) fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
         check(&self.export, specimen, limits)
     }
 }
 
-/// Judges what can be judged of an export before there are grains.
+/// Checks what can be checked of an export before there are grains.
 pub(super) fn check(export: &ExportRequest, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
     let name = export.export_type().name();
     export.check(specimen, limits).map_err(|error| {

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_process_of_this_machine_can_be_judged() {
+    fn only_of_a_process_of_this_machine_it_is_known_whether_it_lives() {
         let this = Process::current();
         assert_eq!(this.is_alive(), Some(true));
         let mark = this.mark().unwrap();

@@ -1,8 +1,8 @@
 //! A client of HTTP/1.1: one connection per request, or connections that are kept ([`Kept`]), with TLS where the URL
 //! says `https`.
 //!
-//! The name of a host is resolved apart from the connection, so that a caller can judge the addresses first and then
-//! connect to one that it has judged. Proxies are not used, redirects are not followed, and limits of time are the
+//! The name of a host is resolved apart from the connection, so that a caller can check the addresses first and then
+//! connect to one that it has checked. Proxies are not used, redirects are not followed, and limits of time are the
 //! caller's.
 
 mod kept;

@@ -64,7 +64,7 @@ impl Stream {
     }
 
     /// What came of an attempt to write, unless the client has taken too little for too long.
-    fn judge(
+    fn note_progress(
         &mut self,
         context: &mut Context<'_>,
         offered: usize,
@@ -135,7 +135,7 @@ impl AsyncWrite for Stream {
             return Poll::Ready(Ok(bytes.len()));
         }
         let written = Pin::new(&mut self.tcp).poll_write(context, bytes);
-        self.judge(context, bytes.len(), written)
+        self.note_progress(context, bytes.len(), written)
     }
 
     fn poll_write_vectored(
@@ -151,7 +151,7 @@ impl AsyncWrite for Stream {
         }
         let offered = slices.iter().map(|slice| slice.len()).sum();
         let written = Pin::new(&mut self.tcp).poll_write_vectored(context, slices);
-        self.judge(context, offered, written)
+        self.note_progress(context, offered, written)
     }
 
     fn is_write_vectored(&self) -> bool {

@@ -1,4 +1,4 @@
-//! What the operator allows: whether there are webhooks at all, and hosts whose addresses are not judged.
+//! What the operator allows: whether there are webhooks at all, and hosts whose addresses are not checked.
 
 use std::net::IpAddr;
 
@@ -34,7 +34,7 @@ impl WebhookRules {
         self.enabled
     }
 
-    /// Judges the URL of a submission. A name is resolved and judged when the webhook is sent.
+    /// Checks the URL of a submission. A name is resolved, and its addresses are checked, when the webhook is sent.
     ///
     /// # Errors
     /// Why it is refused.
@@ -51,8 +51,8 @@ impl WebhookRules {
         }
         match url.host() {
             Host::Domain(_) => Ok(()),
-            Host::Ipv4(address) => self.judge(url, (*address).into()),
-            Host::Ipv6(address) => self.judge(url, (*address).into()),
+            Host::Ipv4(address) => self.check_address(url, (*address).into()),
+            Host::Ipv6(address) => self.check_address(url, (*address).into()),
         }
     }
 
@@ -60,7 +60,7 @@ impl WebhookRules {
     ///
     /// # Errors
     /// Why it is refused.
-    pub(crate) fn judge(&self, url: &WebhookUrl, address: IpAddr) -> Result<(), String> {
+    pub(crate) fn check_address(&self, url: &WebhookUrl, address: IpAddr) -> Result<(), String> {
         let name_allowed = match url.host() {
             Host::Domain(name) => {
                 let name = name.trim_end_matches('.');
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn literal_addresses_are_judged_at_submission_and_names_later() {
+    fn literal_addresses_are_checked_at_submission_and_names_later() {
         let rules = WebhookRules::new(true, &[]);
         for refused in
             ["http://127.0.0.1/", "http://[::1]:80/", "http://169.254.169.254/x", "http://2130706433/"]
@@ -130,14 +130,15 @@ mod tests {
             assert!(allowed_host(bad).is_err(), "{bad}");
         }
         let rules = WebhookRules::new(true, &allowed);
-        let judge = |text: &str, address: &str| rules.judge(&url(text), address.parse().unwrap()).is_ok();
-        assert!(judge("http://hooks.example/", "192.168.0.1"));
-        assert!(judge("http://HOOKS.example./", "127.0.0.1"));
-        assert!(judge("http://other.example/", "10.0.0.5"));
-        assert!(judge("http://other.example/", "::ffff:10.0.0.5"));
-        assert!(judge("http://[::1]/", "::1"));
-        assert!(!judge("http://other.example/", "10.0.0.6"));
-        assert!(!judge("http://x.hooks.example/", "127.0.0.1"));
-        assert!(!judge("http://other.example/", "127.0.0.1"));
+        let is_allowed =
+            |text: &str, address: &str| rules.check_address(&url(text), address.parse().unwrap()).is_ok();
+        assert!(is_allowed("http://hooks.example/", "192.168.0.1"));
+        assert!(is_allowed("http://HOOKS.example./", "127.0.0.1"));
+        assert!(is_allowed("http://other.example/", "10.0.0.5"));
+        assert!(is_allowed("http://other.example/", "::ffff:10.0.0.5"));
+        assert!(is_allowed("http://[::1]/", "::1"));
+        assert!(!is_allowed("http://other.example/", "10.0.0.6"));
+        assert!(!is_allowed("http://x.hooks.example/", "127.0.0.1"));
+        assert!(!is_allowed("http://other.example/", "127.0.0.1"));
     }
 }

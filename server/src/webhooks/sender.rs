@@ -190,13 +190,13 @@ impl WebhookSender {
             Ok(status) => Attempt::Delivered { status },
             Err(not_accepted) => {
                 let spread = rand::random_range(-JITTER..=JITTER);
-                not_accepted.judge(pause(delivery.attempts, self.first_pause, spread), delivery.age)
+                not_accepted.attempt(pause(delivery.attempts, self.first_pause, spread), delivery.age)
             }
         }
     }
 
     /// Sends the message to the first address of the host that can be connected to and is not refused. The name is
-    /// resolved once, so that the address that was judged is the one that is connected to.
+    /// resolved once, so that the address that was checked is the one that is connected to.
     async fn send(&self, delivery: &Delivery) -> Result<u16, NotAccepted> {
         let url = WebhookUrl::parse(&delivery.url).map_err(NotAccepted::for_good)?;
         let unknown = |error| NotAccepted::once(format!("the host has no known address: {error}"));
@@ -204,7 +204,7 @@ impl WebhookSender {
         let mut allowed = Vec::new();
         let mut refused = None;
         for address in found {
-            match self.rules.judge(&url, address.ip()) {
+            match self.rules.check_address(&url, address.ip()) {
                 Ok(()) => allowed.push(address),
                 Err(fault) => refused = Some(fault),
             }
@@ -299,7 +299,7 @@ impl NotAccepted {
     }
 
     /// Whether there is another attempt after the pause, for a message of this age.
-    fn judge(self, pause: Duration, age: Duration) -> Attempt {
+    fn attempt(self, pause: Duration, age: Duration) -> Attempt {
         let Self { error, status, for_good, retry_after } = self;
         let pause = retry_after.map_or(pause, |asked| pause.max(asked.min(LONGEST_PAUSE)));
         if for_good {
@@ -365,14 +365,14 @@ mod tests {
         let (pause, minute) = (Duration::from_secs(10), Duration::from_mins(1));
         let failed = || NotAccepted::once("no".into());
         let again = |pause| Attempt::Again { error: "no".into(), status: None, pause };
-        assert_eq!(failed().judge(pause, minute), again(pause));
+        assert_eq!(failed().attempt(pause, minute), again(pause));
         let asked = |asked| NotAccepted { retry_after: Some(asked), ..failed() };
-        assert_eq!(asked(minute).judge(pause, minute), again(minute));
-        assert_eq!(asked(Duration::from_secs(1)).judge(pause, minute), again(pause));
-        assert_eq!(asked(Duration::from_hours(9)).judge(pause, minute), again(LONGEST_PAUSE));
-        let late = failed().judge(pause, GIVE_UP_AFTER.saturating_sub(Duration::from_secs(5)));
+        assert_eq!(asked(minute).attempt(pause, minute), again(minute));
+        assert_eq!(asked(Duration::from_secs(1)).attempt(pause, minute), again(pause));
+        assert_eq!(asked(Duration::from_hours(9)).attempt(pause, minute), again(LONGEST_PAUSE));
+        let late = failed().attempt(pause, GIVE_UP_AFTER.saturating_sub(Duration::from_secs(5)));
         assert_eq!(late, Attempt::Failed { error: "no; given up after 24 h".into(), status: None });
-        let gone = NotAccepted::for_good("no".into()).judge(pause, minute);
+        let gone = NotAccepted::for_good("no".into()).attempt(pause, minute);
         assert_eq!(gone, Attempt::Failed { error: "no".into(), status: None });
     }
 }

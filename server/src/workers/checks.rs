@@ -169,7 +169,7 @@ impl Checks {
             let (checks, control) = (self.clone(), Arc::clone(&control));
             let span = tracing::Span::current();
             // The receiver goes only where the server stops.
-            move || drop(sender.send(span.in_scope(|| checks.judge(&received, scope, &control))))
+            move || drop(sender.send(span.in_scope(|| checks.check_end(&received, scope, &control))))
         };
         if let Err(error) = std::thread::Builder::new().name("check".into()).spawn(work) {
             return Verdict::Later(error.to_string());
@@ -197,7 +197,7 @@ impl Checks {
     }
 
     /// The check itself.
-    fn judge(&self, received: &Received, scope: Scope, control: &RunControl) -> Verdict {
+    fn check_end(&self, received: &Received, scope: Scope, control: &RunControl) -> Verdict {
         let read = serde_json::from_str::<Value>(&received.request)
             .map_err(|error| error.to_string())
             .and_then(|stored| JobRequest::read(&stored, 0, None).map_err(|faults| format!("{faults:?}")));
@@ -206,7 +206,7 @@ impl Checks {
             Err(error) => return Verdict::Later(format!("the stored request is unreadable: {error}")),
         };
         match &received.end {
-            ReceivedEnd::Result(artifact) => self.judge_result(&request, artifact, scope, control),
+            ReceivedEnd::Result(artifact) => self.check_result(&request, artifact, scope, control),
             ReceivedEnd::Failure(failure) => {
                 let Some(told) = claims::error_of(failure) else {
                     return Verdict::Wrong(format!(
@@ -226,7 +226,7 @@ impl Checks {
         }
     }
 
-    fn judge_result(
+    fn check_result(
         &self,
         request: &JobRequest,
         artifact: &ArtifactRecord,

@@ -42,7 +42,7 @@ pub(crate) enum Claim {
 ///
 /// # Errors
 /// What such a worker cannot know, or what is out of its bounds.
-pub(crate) fn judge(failure: Failure, attempt: Attempt) -> Result<Claim, FieldError> {
+pub(crate) fn checked(failure: Failure, attempt: Attempt) -> Result<Claim, FieldError> {
     let at = |member: &str, detail: String| FieldError::new(format!("/failure/{member}"), detail);
     match failure.code {
         FailureCode::ValidationError
@@ -170,16 +170,16 @@ mod tests {
     const ATTEMPT: Attempt = Attempt { timeout_s: None, ran: Duration::from_secs(10), faults: 0 };
 
     fn refused(failure: Failure, attempt: Attempt) -> String {
-        judge(failure, attempt).unwrap_err().pointer
+        checked(failure, attempt).unwrap_err().pointer
     }
 
     #[test]
     fn codes_that_no_worker_can_know_are_refused() {
         for code in FailureCode::ALL {
-            let judged = judge(Failure::new(*code, "why"), ATTEMPT);
+            let found = checked(Failure::new(*code, "why"), ATTEMPT);
             let is_suspected = matches!(code, FailureCode::CheckFailed | FailureCode::InternalError);
             let is_plan = *code == FailureCode::ValidationError;
-            assert_eq!(judged.is_ok(), is_suspected || is_plan, "{code:?}: {judged:?}");
+            assert_eq!(found.is_ok(), is_suspected || is_plan, "{code:?}: {found:?}");
         }
     }
 
@@ -190,7 +190,7 @@ mod tests {
         let attempt = Attempt { timeout_s: Some(15.0), ..ATTEMPT };
         let mut with_text = failure.clone();
         with_text.detail = "x".repeat(1 << 20);
-        assert_eq!(judge(with_text, attempt).unwrap(), Claim::Accepted(failure.clone()));
+        assert_eq!(checked(with_text, attempt).unwrap(), Claim::Accepted(failure.clone()));
         assert_eq!(refused(failure.clone(), Attempt { timeout_s: Some(21.0), ..ATTEMPT }), "/failure/code");
         assert_eq!(refused(Failure::timed_out(15.0, 1.5), attempt), "/failure/facts/fraction_done");
     }
@@ -200,7 +200,7 @@ mod tests {
         let failure = Failure::from(PackError::OutOfMemory { bytes: 7 });
         assert_eq!(refused(failure.clone(), ATTEMPT), "/failure/code");
         let attempt = Attempt { faults: MEMORY_FAULTS, ..ATTEMPT };
-        assert_eq!(judge(failure.clone(), attempt).unwrap(), Claim::Accepted(failure));
+        assert_eq!(checked(failure.clone(), attempt).unwrap(), Claim::Accepted(failure));
         for text in ["x".repeat(1001), "two\nlines".to_owned()] {
             assert_eq!(refused(Failure::new(FailureCode::CheckFailed, text), ATTEMPT), "/failure/detail");
         }
@@ -238,7 +238,7 @@ mod tests {
             let error = PackError::TargetNotReached(reached);
             let failure = Failure::from(error.clone());
             assert_eq!(error_of(&failure), Some(error));
-            assert_eq!(judge(failure.clone(), ATTEMPT).unwrap(), Claim::ToVerify(failure));
+            assert_eq!(checked(failure.clone(), ATTEMPT).unwrap(), Claim::ToVerify(failure));
         }
         let field = FieldError::new("/mix/volume_fraction", "too much");
         let error = PackError::Plan(PlanError::Infeasible(field));

@@ -3,7 +3,7 @@
 //! [`executor`] runs tasks of either kind ([`task`]): [`packing`] of jobs, and exports
 //! ([`exports::making`](crate::exports::making)). Jobs come from the store of this process ([`here`]) or from a server
 //! over HTTP ([`there`], whose messages are [`documents`]); a packing holds [`slots`] of its process.
-//! What other processes send is judged by [`claims`] and [`checks`].
+//! What other processes send is checked by [`claims`] and [`checks`].
 //! [`heard`] knows the processes that ask for jobs, and [`probe`] tells whether two processes compute the same bits.
 
 pub(crate) mod checks;

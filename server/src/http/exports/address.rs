@@ -150,7 +150,7 @@ impl Target {
     }
 
     /// Refuses what cannot be made of the job's specimen, and a file that would not fit on the disk or into a quota.
-    /// What was accepted before is not judged again.
+    /// What was accepted before is not checked again.
     ///
     /// # Errors
     /// `format-not-available`, `too-large`, `validation-error` or `insufficient-storage`.

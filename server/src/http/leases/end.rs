@@ -99,7 +99,7 @@ async fn failed(
     let ran = Duration::from_micros(ran_us.unsigned_abs());
     let timeout_s = run_limit_s(job.timeout_s, app.shared.max_run_s);
     let attempt = Attempt { timeout_s, ran, faults: job.faults };
-    let claim = claims::judge(failure, attempt).map_err(|fault| {
+    let claim = claims::checked(failure, attempt).map_err(|fault| {
         app.shared.metrics.lease(LeaseEvent::Refused, 1);
         Failure::invalid(vec![fault])
     })?;

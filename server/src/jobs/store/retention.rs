@@ -151,16 +151,16 @@ impl Store {
             async move {
                 let mut writer = store.writer().await?;
                 let mut tx = writer.begin().await?;
-                let left = remove(&mut tx, &numbers, scope).await?;
+                let jobs = remove(&mut tx, &numbers, scope).await?;
                 tx.commit().await?;
                 drop(writer);
-                Ok(left
+                Ok(jobs
                     .into_iter()
-                    .map(|left| {
-                        store.notify(left.removed.id);
-                        left.study.into_iter().for_each(|study| store.notify_study(study));
-                        left.open_exports.into_iter().for_each(|export| store.notify_export(export));
-                        left.removed
+                    .map(|job| {
+                        store.notify(job.removed.id);
+                        job.study.into_iter().for_each(|study| store.notify_study(study));
+                        job.open_exports.into_iter().for_each(|export| store.notify_export(export));
+                        job.removed
                     })
                     .collect())
             }
@@ -179,15 +179,19 @@ enum Scope {
     WithoutExpiry,
 }
 
-/// A job that has left, and who is told.
-struct Left {
+/// A job that was removed, and whose clients are notified.
+struct RemovedJob {
     removed: Removed,
     study: Option<StudyId>,
     open_exports: Vec<crate::ids::ExportId>,
 }
 
 /// Removes finished jobs by their numbers, a list in JSON.
-async fn remove(tx: &mut Transaction<'_>, numbers: &str, scope: Scope) -> Result<Vec<Left>, StoreError> {
+async fn remove(
+    tx: &mut Transaction<'_>,
+    numbers: &str,
+    scope: Scope,
+) -> Result<Vec<RemovedJob>, StoreError> {
     let found = query(
         "select jobs.seq, jobs.id, artifacts.path, studies.id as study_id,
              (select string_agg(exports.path, '|') from exports
@@ -204,12 +208,12 @@ async fn remove(tx: &mut Transaction<'_>, numbers: &str, scope: Scope) -> Result
     .bind(scope != Scope::WithoutExpiry)
     .fetch_all(&mut *tx)
     .await?;
-    let mut left = Vec::with_capacity(found.len());
+    let mut gone = Vec::with_capacity(found.len());
     for row in &found {
         query("delete from jobs where seq = ?").bind(row.try_get::<i64>("seq")?).execute(&mut *tx).await?;
         let study = row.try_get::<Option<String>>("study_id")?;
         let open: Option<String> = row.try_get("open_exports")?;
-        left.push(Left {
+        gone.push(RemovedJob {
             removed: Removed::read(row)?,
             study: study.as_deref().map(rows::study_id).transpose()?,
             open_exports: open
@@ -219,7 +223,7 @@ async fn remove(tx: &mut Transaction<'_>, numbers: &str, scope: Scope) -> Result
                 .collect::<Result<_, _>>()?,
         });
     }
-    Ok(left)
+    Ok(gone)
 }
 
 /// The finished jobs that a client deletes, beyond a number.

@@ -222,7 +222,7 @@ impl<'a> Claims<'a> {
                 return Ok(Claimed::Finished(runs));
             }
             if let Some(last) = logs.last().filter(|log| !log.released) {
-                match self.judge(last)? {
+                match self.is_alive(last)? {
                     Some(true) => return Ok(Claimed::Taken(last.holder().unwrap_or_else(unnamed))),
                     None => return Ok(Claimed::Unknown),
                     Some(false) => {
@@ -270,7 +270,7 @@ impl<'a> Claims<'a> {
     }
 
     /// Whether the process of a log lives; `None` while that is not known.
-    fn judge(&self, log: &PointLog) -> io::Result<Option<bool>> {
+    fn is_alive(&self, log: &PointLog) -> io::Result<Option<bool>> {
         if let Some(alive) = log.holder.as_ref().and_then(Process::is_alive) {
             return Ok(Some(alive));
         }
