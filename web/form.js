@@ -14,7 +14,6 @@ import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
 import { grains, showFaults, showPlan } from "./form-plan.js";
 import { setAt } from "./form-pointer.js";
-import { StudyPart } from "./form-study.js";
 import { report, shell } from "./shell.js";
 
 /** Time after the last change until the plan is asked for, in ms. */
@@ -33,19 +32,10 @@ const answer = byId("answer");
 const panel = /** @type {HTMLElement} */ (answer.closest("section"));
 const submit = /** @type {HTMLButtonElement} */ (byId("submit"));
 const fields = new Fields(/** @type {HTMLFormElement} */ (form));
-const study = new StudyPart(byId("study"), () =>
-  fields.controls
-    .filter(
-      (control) =>
-        !control.closest("[hidden]") &&
-        (control.id === "method" ||
-          (["number", "choice"].includes(control.dataset.kind ?? "") && control.id !== "seed")),
-    )
-    .map((control) => ({
-      pointer: (control.dataset.path ?? "").replace("/method/type", "/method"),
-      label: labelOf(control),
-    })),
-);
+/** The part for studies, which is loaded when a study is chosen. @type {import("./form-study.js").StudyPart | null} */
+let study = null;
+/** The study that it shows at first. @type {any} */
+let given = { grid: {}, replicates: 10 };
 const code = new CodePart(byId("code"), (request) => fill(request));
 
 /** @type {{name: string, points: [number, number][]}[]} */
@@ -70,10 +60,30 @@ function labelOf(control) {
 
 const runs = () => new FormData(/** @type {HTMLFormElement} */ (form)).get("runs");
 
+/** Loads the part for studies, which offers the fields that are shown. */
+async function loadStudy() {
+  const { StudyPart } = await import("./form-study.js");
+  study ??= new StudyPart(byId("study"), () =>
+    fields.controls
+      .filter(
+        (control) =>
+          !control.closest("[hidden]") &&
+          (control.id === "method" ||
+            (["number", "choice"].includes(control.dataset.kind ?? "") && control.id !== "seed")),
+      )
+      .map((control) => ({
+        pointer: (control.dataset.path ?? "").replace("/method/type", "/method"),
+        label: labelOf(control),
+      })),
+  );
+  study.fill(given);
+  changed();
+}
+
 /** What the form says: a job, or a study. */
 function read() {
   const { request: job, faults } = fields.read();
-  if (runs() !== "study") return { job, faults, request: job };
+  if (runs() !== "study" || !study) return { job, faults, request: job };
   return { job, faults: [...faults, ...study.faults()], request: study.read(job) };
 }
 
@@ -84,7 +94,8 @@ function fill(request) {
     ? { ...request.template, name: request.name ?? request.template?.name, seed: request.seed }
     : request;
   fields.fill(JSON.parse(JSON.stringify(job)));
-  study.fill(isStudy ? request : { grid: {}, replicates: 10 });
+  given = isStudy ? request : { grid: {}, replicates: 10 };
+  study?.fill(given);
   /** @type {HTMLInputElement} */ (form.querySelector(`[name="runs"][value="${isStudy ? "study" : "job"}"]`)).checked =
     true;
   changed();
@@ -94,7 +105,15 @@ function fill(request) {
 function changed() {
   byId("study").hidden = runs() !== "study";
   fields.arrange();
-  study.arrange();
+  clearTimeout(timer);
+  asking?.abort();
+  asking = null;
+  panel.setAttribute("aria-busy", "true");
+  if (runs() === "study" && !study) {
+    loadStudy().catch(report);
+    return;
+  }
+  study?.arrange();
   const { job, request } = read();
   for (const place of form.querySelectorAll(".about")) {
     const select = /** @type {HTMLSelectElement | null} */ (place.parentElement?.querySelector("[id$=preset]"));
@@ -104,10 +123,6 @@ function changed() {
   replace(byId("drawing"), drawing(job.specimen, points.at(-1)?.[0] ?? null));
   code.set(request);
   text(submit, runs() === "study" ? "Pack all" : "Pack");
-  clearTimeout(timer);
-  asking?.abort();
-  asking = null;
-  panel.setAttribute("aria-busy", "true");
   performance.mark("changed");
   timer = setTimeout(plan, PAUSE);
 }
@@ -118,13 +133,13 @@ async function plan() {
   if (location.hash || JSON.stringify(request) !== JSON.stringify(START))
     history.replaceState(null, "", address(request));
   if (faults.length) return fail(faults);
-  const planned = runs() === "study" ? study.first(job, setAt) : { point: job, note: "" };
+  const planned = runs() === "study" && study ? study.first(job, setAt) : { point: job, note: "" };
   const here = (asking = new AbortController());
   try {
     const document = await send("POST", "/v1/plans", planned.point, { signal: here.signal });
     if (here !== asking) return;
     fields.mark([]);
-    study.mark([]);
+    study?.mark([]);
     // What the server decides is drawn as the server has it.
     const finest = document.classes[0]?.d_min_mm ?? null;
     const chart = curve(pointsOf(planned.point.mix, curves), finest, curves);
@@ -155,7 +170,7 @@ async function plan() {
 /** Shows faults: each at its field, the others in place of the plan. @param {Fault[]} faults */
 function fail(faults) {
   const inTemplate = faults.map((fault) => ({ ...fault, pointer: fault.pointer?.replace(/^\/template(?=\/)/, "") }));
-  const others = fields.mark(study.mark(inTemplate));
+  const others = fields.mark(study ? study.mark(inTemplate) : inTemplate);
   showFaults(answer, others, faults.length - others.length);
   const words = faults.length === 1 ? "One fault" : `${faults.length} faults`;
   replace(byId("forecast"), h("button", { type: "button", class: "quiet", onclick: first }, words));
@@ -189,6 +204,7 @@ function aggregates(change, field) {
 
 /** Submits the job or the study, and goes to its page. */
 async function run() {
+  if (runs() === "study" && !study) return;
   const { request, faults } = read();
   clearTimeout(timer);
   if (faults.length) {
