@@ -349,6 +349,17 @@ def test_the_version_is_that_of_the_service() -> None:
     assert stated is not None and said.split()[:2] == ["packstone", stated[1]]
 
 
+def release_profile(manifest: str) -> list[str]:
+    """How a manifest builds a release, without comments."""
+    text = re.sub(r"^#.*\n", "", (REPOSITORY / manifest).read_text(), flags=re.MULTILINE)
+    return re.findall(r"^\[profile\.release.*\n(?:[a-z].*\n)+", text, re.MULTILINE)
+
+
+def test_the_wheel_is_built_as_the_command() -> None:
+    profile = release_profile("Cargo.toml")
+    assert len(profile) > 20 and release_profile("python/Cargo.toml") == profile
+
+
 def test_the_command_is_that_of_the_service(tmp_path: Path) -> None:
     command = Path(sys.executable).with_name("packstone")
     said = [subprocess.run([program, "--version"], capture_output=True, check=True) for program in (command, binary())]
