@@ -117,7 +117,7 @@ create table study_runs (
     study     bigint           not null references studies (seq) on delete cascade,
     point     bigint           not null,
     replicate bigint           not null,
-    outcome   text collate "C" not null check (outcome in ('succeeded', 'not_reached', 'void')),
+    outcome   text collate "C" not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text collate "C" not null,
     ended_at  bigint           not null,
     primary key (study, point, replicate)
@@ -155,6 +155,8 @@ create table jobs (
     attempt_budget   bigint           not null,
     -- A client wants the job to end. A job that is cancelled without this was cancelled by the stop rule of its study.
     cancel_requested boolean          not null default false,
+    -- A client wants the run to end with the packing that it has reached.
+    finish_requested boolean          not null default false,
     -- Counts the changes a client can see; the ETag and the event ID of the job.
     version          bigint           not null default 1,
     created_at       bigint           not null,

@@ -112,7 +112,7 @@ create table study_runs (
     study     integer not null references studies (seq) on delete cascade,
     point     integer not null,
     replicate integer not null,
-    outcome   text    not null check (outcome in ('succeeded', 'not_reached', 'void')),
+    outcome   text    not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text    not null,
     ended_at  integer not null,
     primary key (study, point, replicate)
@@ -150,6 +150,8 @@ create table jobs (
     attempt_budget   integer not null,
     -- A client wants the job to end. A job that is cancelled without this was cancelled by the stop rule of its study.
     cancel_requested integer not null default 0,
+    -- A client wants the run to end with the packing that it has reached.
+    finish_requested integer not null default 0,
     -- Counts the changes a client can see; the ETag and the event ID of the job.
     version          integer not null default 1,
     created_at       integer not null,

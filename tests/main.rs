@@ -36,6 +36,7 @@ mod documents;
 mod events;
 mod exports;
 mod faults;
+mod finishing;
 mod formats;
 mod gradient;
 mod growth;

@@ -177,10 +177,12 @@ export function when(moment) {
 /**
  * The badge of a state.
  * @param {string} state
- * @param {boolean} [stopping] whether it was asked to end
+ * @param {{cancel_requested?: boolean, finish_requested?: boolean}} [job] what was asked of it while it runs
  */
-export const badge = (state, stopping = false) =>
-  h("span", { class: "badge", "data-state": state }, stopping && state === "running" ? "stopping" : state);
+export function badge(state, { cancel_requested, finish_requested } = {}) {
+  const asked = cancel_requested ? "stopping" : finish_requested ? "finishing" : state;
+  return h("span", { class: "badge", "data-state": state }, state === "running" ? asked : state);
+}
 
 /**
  * Copies text into the clipboard and says so on the button.

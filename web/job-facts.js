@@ -1,6 +1,7 @@
 /** What is known about a job and its packing, in words and numbers with their units. */
 import { absolute } from "./address.js";
 import { duration, h, number, percent, quantity, when } from "./dom.js";
+import { partialWords } from "./job-ends.js";
 
 /** @type {Record<string, string>} */
 const METHODS = {
@@ -58,8 +59,9 @@ const list = (facts, kind) =>
  * @param {any} job
  * @param {any} request
  * @param {any} report the result without its grains
+ * @param {Node | null} [changes] what can reach more than a partial packing
  */
-export function facts(job, request, report) {
+export function facts(job, request, report, changes = null) {
   const { summary, check, timings_s: timings, shapes } = report;
   const gap = (/** @type {number | null | undefined} */ mm) =>
     mm === null || mm === undefined
@@ -93,6 +95,12 @@ export function facts(job, request, report) {
     "section",
     { class: "panel stack", "aria-labelledby": "facts-title" },
     h("h2", { id: "facts-title", class: "visually-hidden" }, "Result"),
+    summary.partial &&
+      h(
+        "div",
+        { class: "notice", "data-kind": "warning" },
+        h("div", {}, h("p", {}, partialWords(summary.partial)), changes),
+      ),
     list(
       [
         ["Grains", number(summary.grains)],
@@ -113,8 +121,9 @@ export function facts(job, request, report) {
 /**
  * Why a job failed.
  * @param {any} job
+ * @param {Node | null} changes what can be done
  */
-export function failure(job) {
+export function failure(job, changes) {
   const { error } = job;
   return h(
     "div",
@@ -127,6 +136,7 @@ export function failure(job) {
       (error.errors ?? []).map((/** @type {any} */ fault) =>
         h("p", {}, fault.pointer ? h("code", {}, fault.pointer) : "", ` ${fault.detail}`),
       ),
+      changes,
     ),
   );
 }

@@ -35,7 +35,7 @@ export function slicePart(job, request, report) {
     busy = true;
     image.dataset.busy = "";
     image.src = wanted;
-    image.alt = `Cross-section at ${"xyz"[axis]} = ${at}`;
+    image.alt = `Cross-section at ${"xyz"[axis]} = ${at}${report.summary.partial ? ", of a partial packing" : ""}`;
     replace(
       links,
       ["svg", "png", "json", "geo"].map((kind) =>

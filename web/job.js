@@ -4,6 +4,8 @@ import { events, get, Problem, request as ask, send } from "./api.js";
 import { curl, json, python } from "./code.js";
 import { badge, byId, copyButton, h, replace, text } from "./dom.js";
 import { downloadPart, ExportPart } from "./job-exports.js";
+import { changeLinks, changesOf } from "./job-changes.js";
+import { partialBadge } from "./job-ends.js";
 import { failure, facts, leadOf } from "./job-facts.js";
 import { growthPart, RunPart } from "./job-run.js";
 import { plotPart, slicePart } from "./job-slices.js";
@@ -26,7 +28,7 @@ const ended = (/** @type {any} */ of = job) => ["succeeded", "failed", "cancelle
 function head() {
   const name = job.name ?? `Job ${job.id.slice(-8)}`;
   document.title = `${job.state === "running" ? "Running: " : ""}${name} - Packstone`;
-  replace(byId("title"), h("bdi", {}, name), badge(job.state, job.cancel_requested));
+  replace(byId("title"), h("bdi", {}, name), badge(job.state, job), partialBadge(job.result?.summary));
   replace(byId("lead"), ...leadOf(job));
   const button = (/** @type {string} */ label, /** @type {() => Promise<unknown>} */ act, kind = "") =>
     h(
@@ -48,8 +50,9 @@ function head() {
   const focus = document.activeElement?.getAttribute("data-action");
   replace(
     byId("actions"),
+    mayFinish() ? button("Stop and keep", finish) : null,
     !ended() && !job.cancel_requested ? button("Cancel", cancel) : null,
-    job.state === "failed" || job.state === "cancelled" ? button("Retry", retry) : null,
+    job.state === "cancelled" || job.error?.can_retry ? button("Retry", retry) : null,
     request && again(),
     ended() ? button("Delete", remove, "danger") : null,
   );
@@ -75,6 +78,17 @@ function again() {
     fill().then(() => location.assign(link.href), report);
   });
   return link;
+}
+
+/** Whether the run can end with the packing that it has reached. */
+function mayFinish() {
+  const hasGrains = job.progress && job.progress.phase !== "sampling";
+  return job.state === "running" && hasGrains && !job.cancel_requested && !job.finish_requested;
+}
+
+async function finish() {
+  update(await send("POST", job.links.finish));
+  announce("The run ends with the packing that it has reached");
 }
 
 async function cancel() {
@@ -119,7 +133,7 @@ function update(now) {
   );
   replace(
     byId("result"),
-    job.error ? failure(job) : null,
+    job.error ? failure(job, changeLinks(job.error.changes ?? [], request, report)) : null,
     ...warnings,
     job.state === "cancelled"
       ? h("div", { class: "notice" }, h("p", {}, "The job was cancelled and has no result."))
@@ -136,10 +150,11 @@ async function result(key) {
     const answer = await ask("GET", `${job.links.result}?format=view`);
     return /** @type {ReadableStream<Uint8Array>} */ (answer.body);
   };
-  const view = new ViewPart({ name: job.id.slice(-8), open }, found, request);
+  const { partial } = found.summary;
+  const view = new ViewPart({ name: `${job.id.slice(-8)}${partial ? "-partial" : ""}`, open }, found, request);
   const exports = new ExportPart(job, request, found);
   const parts = [
-    facts(job, request, found),
+    facts(job, request, found, partial ? changeLinks(changesOf(partial, request), request, report) : null),
     view.element,
     h(
       "div",
@@ -153,12 +168,20 @@ async function result(key) {
   await Promise.all([view.start(), exports.start()]);
 }
 
+/** Shows the progress. The first one that tells of grains offers to keep them. @param {any} now */
+function progress(now) {
+  const before = mayFinish();
+  job.progress = now;
+  run.progress(now);
+  if (mayFinish() !== before) head();
+}
+
 /** Hears of the job until it ends. */
 function follow() {
   stop();
   stream = events(
     `${path}/events`,
-    { state: update, end: update, progress: (progress) => run.progress(progress) },
+    { state: update, end: update, progress },
     {
       down: () => get(path).then(update, report),
     },

@@ -3,6 +3,7 @@ import { absolute } from "./address.js";
 import { get, send } from "./api.js";
 import { badge, byId, duration, h, number, replace, when } from "./dom.js";
 import { address } from "./form-address.js";
+import { partialBadge } from "./job-ends.js";
 import { live } from "./live.js";
 import { rows } from "./rows.js";
 import { announce, confirm, report, shell } from "./shell.js";
@@ -150,7 +151,7 @@ function makeRow(first) {
     show(job) {
       const { progress } = job;
       const waits = job.waiting?.detail;
-      const now = `${job.updated_at} ${job.name} ${job.state} ${progress?.fraction} ${job.cancel_requested} ${waits}`;
+      const now = `${job.updated_at} ${job.name} ${job.state} ${progress?.fraction} ${job.cancel_requested} ${job.finish_requested} ${waits}`;
       if (now === version) return;
       version = now;
       replace(
@@ -166,7 +167,9 @@ function makeRow(first) {
       );
       replace(
         state,
-        badge(job.state, job.cancel_requested),
+        badge(job.state, job),
+        " ",
+        partialBadge(job.result?.summary),
         job.state === "running" && progress && bar(progress),
         job.error && h("div", { class: "hint" }, job.error.title),
         waits && h("div", { class: "hint" }, `Waits: ${waits}`),
@@ -220,7 +223,7 @@ function buttons(job) {
         await send("POST", `${path}/cancel`);
         announce(`Cancelled: ${name}`);
       }),
-    (job.state === "failed" || job.state === "cancelled") && one("Retry", "retry", () => send("POST", `${path}/retry`)),
+    (job.state === "cancelled" || job.error?.can_retry) && one("Retry", "retry", () => send("POST", `${path}/retry`)),
     one("Run again", "change", async () => location.assign(address(await get(`${path}/request`)))),
     !waits &&
       one("Delete", "delete", async () => {

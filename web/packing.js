@@ -4,6 +4,7 @@
  */
 import { json } from "./code.js";
 import { byId, copyButton, h, replace } from "./dom.js";
+import { partialBadge } from "./job-ends.js";
 import { facts } from "./job-facts.js";
 import { ViewPart } from "./job-view.js";
 
@@ -21,9 +22,13 @@ async function open() {
 
 const name = request.name ?? `Packing of seed ${request.seed}`;
 document.title = `${name} - Packstone`;
-replace(byId("title"), h("bdi", {}, name));
+replace(byId("title"), h("bdi", {}, name), partialBadge(result.summary));
 const words = h("pre", { tabindex: "0", "aria-label": "Request as JSON" }, `${json(request)}\n`);
-const view = new ViewPart({ name: String(request.seed), open, limit: grains }, result, request);
+const view = new ViewPart(
+  { name: `${request.seed}${result.summary.partial ? "-partial" : ""}`, open, limit: grains },
+  result,
+  request,
+);
 const warnings = result.warnings.map((/** @type {string} */ warning) =>
   h("div", { class: "notice", "data-kind": "warning" }, h("p", {}, warning)),
 );

@@ -5,6 +5,7 @@
 import { absolute } from "./address.js";
 import { get } from "./api.js";
 import { badge, duration, h, number, percent, quantity, replace } from "./dom.js";
+import { partialBadge } from "./job-ends.js";
 import { report } from "./shell.js";
 
 const PAGE = 100;
@@ -15,6 +16,8 @@ const PAGE = 100;
 const FIGURES = [
   ["runs", "Runs", (value) => number(value, 1)],
   ["success_rate", "Success", (value) => percent(value)],
+  ["partial", "Partial", (value) => number(value, 1)],
+  ["volume_fraction_reached_median", "Reached", (value) => percent(value, 1)],
   ["grains", "Grains", (value) => number(value, 4)],
   ["volume_fraction_effective", "Placed", (value) => percent(value, 1)],
   ["time_s_median", "Time", (value) => duration(value)],
@@ -73,7 +76,12 @@ export class StudyTable {
         show: (/** @type {any} */ row) => words(row[key], key),
         value: (/** @type {any} */ row) => row[key],
       })),
-      ...FIGURES.filter(([key]) => has(key) && (key !== "waiting" || !finished)).map(([key, name, show]) => ({
+      ...FIGURES.filter(
+        ([key]) =>
+          has(key) &&
+          (key !== "waiting" || !finished) &&
+          (key !== "partial" || this.rows.some((row) => row.partial > 0)),
+      ).map(([key, name, show]) => ({
         key,
         name,
         value: (/** @type {any} */ row) => row[key],
@@ -228,7 +236,9 @@ export class StudyTable {
           {},
           h("a", { href: absolute(`/jobs/${job.id}`) }, `Seed ${job.seed}`),
           " ",
-          badge(job.state, job.cancel_requested),
+          badge(job.state, job),
+          " ",
+          partialBadge(job.result?.summary),
         ),
       ),
       !found.length && h("li", {}, "The jobs of this point were deleted."),

@@ -230,6 +230,10 @@ class AsyncPacking:
         """See :attr:`Packing.summary`."""
         return await self._threads.call(lambda: self.sync.summary)
 
+    async def partial(self) -> dict[str, Any] | None:
+        """See :attr:`Packing.partial`."""
+        return await self._threads.call(lambda: self.sync.partial)
+
     async def check(self) -> dict[str, Any]:
         """See :attr:`Packing.check`."""
         return await self._threads.call(lambda: self.sync.check)
@@ -353,6 +357,11 @@ class AsyncJob(_AsyncChanging[Job]):
         """The main figures of the packing; empty before it succeeds."""
         return self.sync.summary
 
+    @property
+    def partial(self) -> dict[str, Any] | None:
+        """See :attr:`Job.partial`."""
+        return self.sync.partial
+
     async def request(self) -> dict[str, Any]:
         """See :attr:`Job.request`."""
         return await self._threads.call(lambda: self.sync.request)
@@ -407,6 +416,11 @@ class AsyncJob(_AsyncChanging[Job]):
     async def cancel(self, *, if_unchanged: bool = False) -> AsyncJob:
         """See :meth:`Job.cancel`."""
         await self._threads.call(partial(self.sync.cancel, if_unchanged=if_unchanged))
+        return self
+
+    async def finish(self, *, if_unchanged: bool = False) -> AsyncJob:
+        """See :meth:`Job.finish`."""
+        await self._threads.call(partial(self.sync.finish, if_unchanged=if_unchanged))
         return self
 
     async def retry(self, *, if_unchanged: bool = False) -> AsyncJob:

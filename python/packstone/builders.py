@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         distance: Distance | Mapping[str, Any]
         method: Method | Mapping[str, Any]
         segregation: Segregation | Mapping[str, Any]
+        on_limit: Literal["fail", "keep"]
         postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
 
 
@@ -302,8 +303,8 @@ class Mix(_Fields):
     """The aggregate: its grading, its smallest diameter and its amount.
 
     `grading` is a :class:`Grading` or the name of a standard curve; `aggregates` takes its place in a mix of several
-    aggregates, each with its own grading and shapes. The amount is a `volume_fraction` or
-    follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
+    aggregates, each with its own grading and shapes. The amount is a `volume_fraction` (``"maximize"`` for as dense as
+    these grains get) or follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
     default), including the part finer than `d_min_mm`, or ``placed_grains``.
 
     `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
@@ -314,7 +315,7 @@ class Mix(_Fields):
     def __init__(
         self,
         grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
-        volume_fraction: float | None = None,
+        volume_fraction: float | Literal["maximize"] | None = None,
         *,
         aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,
         d_min_mm: float | None = None,

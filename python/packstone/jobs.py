@@ -69,8 +69,14 @@ class Job(Resource):
         result = self.data["result"]
         return {} if result is None else dict(result["summary"])
 
+    @property
+    def partial(self) -> dict[str, Any] | None:
+        """How far the run came, if it ended before its target and kept its packing, else `None`."""
+        partial = self.summary.get("partial")
+        return None if partial is None else dict(partial)
+
     def result(self, timeout: float | None = None, progress: bool = False) -> Packing:
-        """Waits for the packing and returns it.
+        """Waits for the packing and returns it: also a partial one, which :attr:`Packing.partial` tells.
 
         Raises :class:`TargetNotReached` if the method could not reach the target, :class:`JobCancelled` if the
         job was cancelled, :class:`PackstoneError` if it failed in another way, and :class:`WaitTimeout` after
@@ -155,6 +161,16 @@ class Job(Resource):
         self._act("cancel", if_unchanged=if_unchanged)
         return self
 
+    def finish(self, *, if_unchanged: bool = False) -> Job:
+        """Ends the run with the packing that it has reached, which :meth:`result` returns some seconds later.
+
+        :attr:`partial` tells then how far the run came. Once asked, the same call changes nothing. Raises
+        :class:`PackstoneError` of the kind ``conflict`` if nothing can be kept: the job waits, has placed no grain
+        yet, or has ended.
+        """
+        self._act("finish", if_unchanged=if_unchanged)
+        return self
+
     def retry(self, *, if_unchanged: bool = False) -> Job:
         """Puts a job that failed or was cancelled back into the queue."""
         self._act("retry", if_unchanged=if_unchanged)
@@ -191,6 +207,7 @@ class Job(Resource):
             "seed": self.seed,
             "labels": self.labels,
             "warnings": self.warnings,
+            "partial": None if self.partial is None else self.partial["reason"],
             "error": None if self.error is None else str(error_of(self.error)),
         }
         rows |= {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}

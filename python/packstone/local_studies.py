@@ -133,8 +133,8 @@ class LocalStudy:
     def runs(self, *, labels: Labels | None = None, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
         """Returns one row per run that ended: its point, replicate, seed, values, outcome, time in s and figures.
 
-        The outcome is ``succeeded``, ``target_not_reached``, or ``void`` for a run that does not count; ``error`` is
-        the kind of the problem. `labels` and `names` are those of :meth:`to_dataframe`.
+        The outcome is ``succeeded``, ``partial`` (ended before its target, and kept), ``target_not_reached``, or
+        ``void`` for a run that does not count; ``error`` is the kind of the problem. `labels` and `names` are those of :meth:`to_dataframe`.
         """
         return self._rows(labels, names)[1]
 

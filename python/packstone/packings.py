@@ -117,6 +117,17 @@ class Packing:
         return dict(self.report["summary"])
 
     @property
+    def partial(self) -> dict[str, Any] | None:
+        """How far the run came, if it ended before its target and its packing was kept, else `None`.
+
+        It has ``reason`` (``time_limit``, ``event_limit``, ``stalled``, ``saturated``, ``timed_out`` or ``finished``),
+        ``volume_fraction_requested`` and ``_reached``, ``distance_mm_requested`` and ``_reached``, ``size_scale`` (the
+        factor on the sizes of all grains), ``grains_requested`` and ``grains_placed``.
+        """
+        partial = self.summary.get("partial")
+        return None if partial is None else dict(partial)
+
+    @property
     def check(self) -> dict[str, Any]:
         """What the independent check of the packing found: smallest gaps in mm, greatest error of a size class."""
         return dict(self.report["check"])
@@ -315,6 +326,8 @@ class Packing:
 
     def _repr_html_(self) -> str:
         rows = {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}
+        if self.partial is not None:
+            rows = {"partial": self.partial["reason"], **rows}
         return _html.card(f"Packing of {self._source.title}", rows, png=self._repr_png_())
 
 

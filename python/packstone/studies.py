@@ -275,4 +275,6 @@ def _run(job: Job) -> dict[str, Any]:
 def _figures(job: Job) -> dict[str, Any]:
     plain = {name: value for name, value in job.summary.items() if not isinstance(value, (dict, list))}
     reached = {name: job.error.get(name) for name in SUMMARY_COLUMNS if name in job.error} if job.error else {}
+    if job.partial is not None:
+        reached = {"partial": job.partial["reason"], "volume_fraction_reached": job.partial["volume_fraction_reached"]}
     return plain | reached

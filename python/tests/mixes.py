@@ -56,6 +56,16 @@ def long() -> Json:
     return job | {"method": {"type": "edmd", "stop": {"events": 3_000_000}}}
 
 
+def dense() -> Json:
+    """Equal spheres that jam before their target, and grow until they are stopped, as far as a test is concerned."""
+    return {
+        "seed": 3,
+        "specimen": {"type": "box", "size_mm": [14.4, 14.4, 14.4], "boundary": "periodic"},
+        "mix": {"grading": {"type": "monodisperse", "diameter_mm": 1}, "volume_fraction": 0.7},
+        "method": {"type": "edmd", "stop": {"stall_dt_s": 1e-300}},
+    }
+
+
 def unreachable() -> Json:
     """Ends soon as `target-not-reached`: equal spheres added at random jam near 0.384."""
     return {

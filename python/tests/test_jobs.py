@@ -247,3 +247,50 @@ def test_warnings_of_the_server_are_warnings(client: packstone.Client) -> None:
         job.wait()
     with pytest.warns(packstone.PackstoneWarning):
         assert client.plan(specimen=packstone.Box(30), mix=mix)["warnings"]
+
+
+@pytest.mark.filterwarnings("ignore::packstone.PackstoneWarning")
+def test_a_run_is_ended_with_what_it_has_reached(client: packstone.Client) -> None:
+    job = client.submit(mixes.dense())
+
+    def finish(seen: packstone.Job) -> None:
+        if seen.progress.get("phase") == "edmd" and not seen.data["finish_requested"]:
+            seen.finish()
+
+    job.wait(60, progress=finish)
+    assert job.succeeded and job.partial is not None and job.partial["reason"] == "finished"
+    assert "finished" in job._repr_html_()
+    packing = job.result()
+    assert packing.partial == job.partial
+    reached = (np.pi / 6 * packing.diameters**3).sum() / 14.4**3
+    assert packing.partial["volume_fraction_reached"] == pytest.approx(reached) and reached < 0.7
+    assert job.finish().finished, "asked once more it is the same"
+    complete = client.submit(mixes.quick()).wait()
+    assert complete.partial is None and complete.result().partial is None
+    with pytest.raises(packstone.PackstoneError, match="has its result") as refused:
+        complete.finish()
+    assert refused.value.kind == "conflict"
+
+
+@pytest.mark.filterwarnings("ignore::packstone.PackstoneWarning")
+def test_a_time_limit_keeps_what_is_reached_here_and_there(client: packstone.Client) -> None:
+    for packing in (
+        packstone.pack(mixes.dense(), timeout_s=2, on_limit="keep"),
+        client.submit(mixes.dense(), timeout_s=2, on_limit="keep").result(),
+    ):
+        assert packing.partial is not None and packing.partial["reason"] == "timed_out"
+        assert packing.partial["size_scale"] < 1
+    study = client.study(template=mixes.without(mixes.dense(), "seed") | {"timeout_s": 2, "on_limit": "keep"}).wait()
+    (row,), (run,) = study.table(), study.runs()
+    assert (row["runs"], row["successes"], row["partial"]) == (1, 0, 1)
+    assert run["partial"] == "timed_out" and run["volume_fraction_reached"] == row["volume_fraction_reached_median"]
+
+
+def test_a_failure_says_what_can_succeed(client: packstone.Client) -> None:
+    calls: list[Any] = [packstone.pack, lambda job: client.submit(job).result()]
+    for call in calls:
+        with pytest.raises(packstone.TargetNotReached) as failed:
+            call(mixes.unreachable())
+        patches = [change["patch"] for change in failed.value.problem["changes"]]
+        assert {"on_limit": "keep"} in patches and {"method": {"type": "edmd", "attempts_per_grain": None}} in patches
+        assert failed.value.problem["can_retry"] is False

@@ -8,6 +8,7 @@ use packstone_engine::export::ExportError;
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{FieldError, GrowthEffort, PackError, PlanError, TargetNotReached};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 macro_rules! codes {
     ($($(#[doc = $doc:literal])* $variant:ident $name:literal;)*) => {
@@ -192,6 +193,28 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false, minimum = 0, maximum = 1))]
     pub(crate) fraction_done: Option<f64>,
+    /// Changes of the request of the job with which a run can succeed, the surest first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(test, schema(required = false, inline))]
+    pub(crate) changes: Vec<Change>,
+}
+
+/// A change of a request with which a run can succeed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct Change {
+    /// What it does, in a few words.
+    pub(crate) title: String,
+    /// The change as a JSON merge patch (RFC 7396) of the request of the job.
+    #[cfg_attr(test, schema(value_type = Object))]
+    pub(crate) patch: Value,
+}
+
+impl Change {
+    /// A change with its title.
+    pub(crate) fn new(title: impl Into<String>, patch: Value) -> Self {
+        Self { title: title.into(), patch }
+    }
 }
 
 impl Failure {
@@ -222,7 +245,11 @@ impl Failure {
             "the run took longer than the {timeout_s} s that it may (timeout_s of the job, or --max-run-s of the server); \
              about {done:.0} % of the work was done; on_limit \"keep\" keeps what was reached"
         );
-        let facts = FailureFacts { fraction_done: Some(fraction_done), ..FailureFacts::default() };
+        let changes = vec![
+            Change::new("Keep the packing that is reached within the time", json!({"on_limit": "keep"})),
+            Change::new("Allow twice the time", json!({"timeout_s": 2.0 * timeout_s})),
+        ];
+        let facts = FailureFacts { fraction_done: Some(fraction_done), changes, ..FailureFacts::default() };
         Self::new(FailureCode::TimedOut, detail).with_facts(facts)
     }
 

@@ -29,7 +29,7 @@ const LAYERS: &[&[&str]] = &[
         "watched_file",
         "web_files",
     ],
-    &["strict_json"],
+    &["advice", "strict_json"],
     &[
         "artifacts",
         "audit",

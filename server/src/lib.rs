@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod accounts;
+mod advice;
 mod artifacts;
 mod atomic_file;
 mod audit;

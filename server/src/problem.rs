@@ -8,6 +8,7 @@ use packstone_engine::export::ExportError;
 use packstone_engine::{FieldError, PlanError};
 use serde::Serialize;
 
+use crate::advice::can_succeed_again;
 use crate::base_path;
 use crate::failure::{Failure, FailureCode, FailureFacts, first_of};
 
@@ -481,6 +482,8 @@ pub(crate) struct FailureDocument {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(test, schema(required = false))]
     errors: Vec<Fault>,
+    /// Whether a second run with the same request can succeed: where the machine or its load decided the end.
+    can_retry: bool,
     #[serde(flatten)]
     facts: FailureFacts,
 }
@@ -493,6 +496,7 @@ impl From<&Failure> for FailureDocument {
             title: kind.title(),
             detail: failure.detail.clone(),
             errors: failure.fields.iter().cloned().map(Fault::from).collect(),
+            can_retry: can_succeed_again(failure),
             facts: (*failure.facts).clone(),
         }
     }
@@ -541,7 +545,7 @@ mod tests {
         assert_eq!(
             shown,
             json!({"type": "/problems/target-not-reached", "title": Kind::TargetNotReached.title(),
-                "detail": "stopped", "grains": 7})
+                "detail": "stopped", "can_retry": false, "grains": 7})
         );
     }
 

@@ -18,8 +18,8 @@ use super::{ExportRecord, StoredFile};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
-use crate::jobs::JobProgress;
 use crate::jobs::store::ClaimedExport;
+use crate::jobs::{JobProgress, StopRequests};
 use crate::metrics::Metrics;
 use crate::storage::{Bound, NoRoom, fits};
 use crate::workers::control::RunControl;
@@ -142,15 +142,15 @@ impl TaskKind for Exports {
         Following::Export(store.subscribe_export(of.id), store.subscribe(of.job))
     }
 
-    async fn is_cancelled(&self, work: &Work) -> Result<bool, LeaseError> {
+    async fn requests(&self, work: &Work) -> Result<StopRequests, LeaseError> {
         // An export is not cancelled but deleted, and its lease with it.
         self.here.store.check_export_lease(&work.claimed.export).await?;
-        Ok(false)
+        Ok(StopRequests::default())
     }
 
-    async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<bool, LeaseError> {
+    async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<StopRequests, LeaseError> {
         self.here.store.renew_export(&work.claimed.export, news).await?;
-        Ok(false)
+        Ok(StopRequests::default())
     }
 
     fn renew_every(&self) -> Duration {

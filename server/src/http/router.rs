@@ -56,6 +56,7 @@ routes! {
     post "/v1/plans" => jobs::plans: plan,
     get "/v1/jobs/{id}/events" => jobs::events: events,
     post "/v1/jobs/{id}/cancel" => jobs::actions: cancel,
+    post "/v1/jobs/{id}/finish" => jobs::actions: finish,
     post "/v1/jobs/{id}/retry" => jobs::actions: retry,
     get "/v1/jobs/{id}/result" => results: get,
     get "/v1/jobs/{id}/result/summary" => results: summary,

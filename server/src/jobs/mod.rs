@@ -138,6 +138,7 @@ pub(crate) struct JobRecord {
     pub(crate) attempt: i64,
     pub(crate) max_attempts: i64,
     pub(crate) cancel_requested: bool,
+    pub(crate) finish_requested: bool,
     pub(crate) version: i64,
     pub(crate) created_at: i64,
     pub(crate) started_at: Option<i64>,
@@ -169,6 +170,26 @@ pub(crate) struct JobRecord {
 }
 
 impl JobRecord {
+    /// Whether the job has a result, or may still get one.
+    pub(crate) fn has_or_may_have_result(&self) -> bool {
+        !matches!(self.state, State::Failed | State::Cancelled) && !self.cancel_requested
+    }
+
+    /// Why there is no packing that the run could end with; `None` where there is one, or may be one.
+    pub(crate) fn reached_nothing(&self) -> Option<&'static str> {
+        let phase = self.progress.as_ref().and_then(|progress| progress["phase"].as_str());
+        match self.state {
+            State::Queued => Some("it waits and has no grains yet: cancel it, or ask again when it runs"),
+            State::Running if self.cancel_requested => Some("it is being cancelled"),
+            State::Running if phase == Some("sampling") => {
+                Some("it draws its grains and has placed none yet: ask again in a moment")
+            }
+            State::Running => None,
+            State::Succeeded => Some("it has ended and has its result"),
+            State::Failed | State::Cancelled => Some("it has ended, and nothing was kept"),
+        }
+    }
+
     /// What a user should know about the packing: what the result says, or the plan until there is a result.
     pub(crate) fn warnings(&self) -> Vec<String> {
         let of_result =
@@ -188,6 +209,15 @@ pub(crate) struct StudyPlace {
     pub(crate) point: u32,
     /// Index within the point.
     pub(crate) replicate: u32,
+}
+
+/// What clients want of a job that runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct StopRequests {
+    /// The job is to end without a result.
+    pub(crate) cancel: bool,
+    /// The run is to end with the packing that it has reached.
+    pub(crate) finish: bool,
 }
 
 /// The right to write about one attempt of one job.

@@ -33,6 +33,7 @@ use packstone_engine::{
 };
 use serde::Serialize;
 
+use crate::advice::failure_of;
 use crate::config::limits_of_one_packing;
 use crate::exports::estimates::{JobPlan, planned};
 use crate::failure::{Failure, FailureCode};
@@ -150,7 +151,7 @@ impl Job {
             Err(PackError::Stopped { .. }) => {
                 Err(run.timed_out(self.request.timeout_s).map_or(Ended::Stopped, Ended::from))
             }
-            Err(error) => Err(error.into()),
+            Err(error) => Err(failure_of(error, &self.request.packing(), &self.limits).into()),
         }
     }
 

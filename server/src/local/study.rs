@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::{Ended, Job, Packed, Run, named, to_json};
+use crate::advice::failure_of;
 use crate::config::limits_of_one_packing;
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::request;
@@ -42,8 +43,9 @@ struct Counted {
 }
 
 /// Packs the request of a run of a study, on this thread alone; what it came to as JSON (`outcome`, `facts`,
-/// `distance_curve`, and `error` where there is no packing), and the packing. The outcome is `succeeded`,
-/// `target_not_reached` (also where the time limit of the job ended the run), or `void` for a run that does not count.
+/// `distance_curve`, and `error` where there is no packing), and the packing. The outcome is `succeeded`, `partial`
+/// where the run ended before its target and kept what it had reached, `target_not_reached` (also where the time limit
+/// of the job ended the run), or `void` for a run that does not count.
 ///
 /// # Errors
 /// [`Ended::Refused`] for a request that does not hold; [`Ended::Stopped`].
@@ -54,12 +56,11 @@ pub fn run_of_study(request: &str, run: &Run) -> Result<(String, Option<Packed>)
     let packed = job.packed(run)?;
     let time_s = run.time_s();
     let record = match &packed {
-        Ok(packed) => Record {
-            outcome: Outcome::Succeeded,
-            facts: Facts::of_packing(packed.of_engine()),
-            distance_curve: packed.of_engine().distance_curve(),
-            error: None,
-        },
+        Ok(packed) => {
+            let facts = Facts::of_packing(packed.of_engine());
+            let distance_curve = packed.of_engine().distance_curve();
+            Record { outcome: facts.outcome_of_packing(), facts, distance_curve, error: None }
+        }
         Err(PackError::Stopped { .. }) => {
             let failure = run.timed_out(job.request.timeout_s).ok_or(Ended::Stopped)?;
             let facts = Facts { time_s, ..Facts::default() };
@@ -68,7 +69,8 @@ pub fn run_of_study(request: &str, run: &Run) -> Result<(String, Option<Packed>)
         }
         Err(error) => {
             let (outcome, facts) = (Outcome::of_failure(error), Facts::of_failure(error, time_s));
-            let error = Some(FailureDocument::from(&Failure::from(error.clone())));
+            let failure = failure_of(error.clone(), &job.request.packing(), &job.limits);
+            let error = Some(FailureDocument::from(&failure));
             Record { outcome, facts, distance_curve: Vec::new(), error }
         }
     };
@@ -126,8 +128,9 @@ impl Study {
     /// # Errors
     /// [`Ended::Refused`] for a point or an outcome that there is not.
     pub fn count(&self, point: usize, outcome: &str) -> Result<bool, Ended> {
-        let outcome = serde_json::from_value(outcome.into())
-            .map_err(|_| invalid(format!("{outcome:?} must be succeeded, target_not_reached or void")))?;
+        let outcome = serde_json::from_value(outcome.into()).map_err(|_| {
+            invalid(format!("{outcome:?} must be succeeded, partial, target_not_reached or void"))
+        })?;
         let mut tallies = self.tallies.lock().unwrap_or_else(PoisonError::into_inner);
         let most = tallies.len();
         let tally =

@@ -7,7 +7,7 @@ use packstone_engine::analysis::{self, RadialOptions, SizeRange, SizedGrain, Sur
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::export::tables::{self, Column, GrainSource, Head};
 use packstone_engine::mix::GradedMix;
-use packstone_engine::packing::{Grains, GrainsRef, Summary};
+use packstone_engine::packing::{Grains, GrainsRef, Partial, Summary};
 use packstone_engine::request::{Distance, Grading, GrainKind, Method, PackingRequest, VolumeFraction};
 
 use super::axis::{Axis, plain};
@@ -103,7 +103,7 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
     })?;
     let name = request.name.clone();
     let packing = request.packing();
-    Ok(match kind {
+    let mut chart = match kind {
         JobPlot::Grading => {
             grading(&at_scale(&packing, &result.head.report.summary), sized(result)?, name.as_deref())
         }
@@ -118,7 +118,22 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
         }
         JobPlot::Quality => quality::chart(&packing, &tables::load(result.grains)?, name.as_deref())?,
         JobPlot::Profile => profile(result.head, &packing, &tables::load(result.grains)?, name.as_deref()),
-    })
+    };
+    if let Some(partial) = &result.head.report.summary.partial {
+        mark_partial(&mut chart, partial);
+    }
+    Ok(chart)
+}
+
+/// States on a chart that its packing is partial: with a heading and without, and to who cannot see it.
+fn mark_partial(chart: &mut Chart, partial: &Partial) {
+    let reached = plain(PERCENT * partial.volume_fraction_reached, Some(2));
+    let asked = partial.volume_fraction_requested.map(|asked| plain(PERCENT * asked, Some(2)));
+    let of = asked.map(|asked| format!(" of {asked} %")).unwrap_or_default();
+    let words = format!("partial packing: volume fraction {reached} %{of}");
+    chart.description = format!("{} It is of a {words}.", chart.description);
+    let lowest = chart.layout.below.last_mut().map_or(&mut chart.x, |below| &mut below.x);
+    lowest.label = format!("{} ({words})", lowest.label);
 }
 
 /// The title of a plot: what it shows, and the name of the job.

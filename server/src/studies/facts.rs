@@ -10,6 +10,8 @@ impl Facts {
     pub(crate) fn of_packing(report: &Report) -> Self {
         let (summary, timings) = (&report.summary, &report.timings_s);
         let grown = report.statistics.edmd;
+        let partial = summary.partial.as_ref();
+        let requested = partial.and_then(|partial| partial.volume_fraction_requested);
         Self {
             // Not `total` alone, which lacks the time before the checkpoint in a run that was resumed.
             time_s: timings.total.max(
@@ -18,8 +20,9 @@ impl Facts {
                     + timings.edmd.or(timings.monte_carlo).unwrap_or(0.0)
                     + timings.check,
             ),
-            grains: Some(summary.grains),
-            volume_fraction_effective: Some(summary.volume_fraction_effective),
+            grains: Some(partial.map_or(summary.grains, |partial| partial.grains_requested)),
+            volume_fraction_effective: requested.or(Some(summary.volume_fraction_effective)),
+            volume_fraction_reached: partial.map(|partial| partial.volume_fraction_reached),
             volume_fraction_with_coating: Some(summary.volume_fraction_with_coating),
             distance_mm: summary.distance_mm,
             events: grown.map(|edmd| edmd.events),
@@ -28,6 +31,11 @@ impl Facts {
                 .map(|edmd| edmd.stop)
                 .or(report.statistics.monte_carlo.map(|monte_carlo| monte_carlo.stop)),
         }
+    }
+
+    /// How a study counts the run of these figures, which ended with a packing.
+    pub(crate) fn outcome_of_packing(&self) -> Outcome {
+        if self.volume_fraction_reached.is_some() { Outcome::Partial } else { Outcome::Succeeded }
     }
 
     /// Of a run that ended without a packing after `time_s`.

@@ -157,6 +157,9 @@ pub(crate) struct StopWhen {
 pub(crate) enum Outcome {
     /// The requested packing was reached.
     Succeeded,
+    /// The run ended before the requested packing, and what it had reached was kept. It counts as one that did not
+    /// reach it.
+    Partial,
     /// The method ended before the requested packing, by its own limits or those of the job.
     TargetNotReached,
     /// The run does not count: it was cancelled, or ended by a fault of the program or the machine.
@@ -170,11 +173,14 @@ pub(crate) struct Facts {
     pub(crate) time_s: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) grains: Option<u64>,
-    /// `phi_eff`, counted; where the run failed, that of the requested grains.
+    /// `phi_eff`, counted; where the run did not reach its target, that of the requested grains.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) volume_fraction_effective: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) volume_fraction_with_coating: Option<f64>,
+    /// `phi_eff` of a packing that was kept although the run ended before its target; absent of every other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) volume_fraction_reached: Option<f64>,
     /// Constant distance kept, or reached before the run failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) distance_mm: Option<f64>,

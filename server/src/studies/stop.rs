@@ -32,7 +32,7 @@ impl Tally {
                 self.successes += 1;
                 self.failed_in_a_row = 0;
             }
-            Outcome::TargetNotReached => {
+            Outcome::Partial | Outcome::TargetNotReached => {
                 self.runs += 1;
                 self.failed_in_a_row += 1;
             }
@@ -50,7 +50,7 @@ impl Tally {
 
 #[cfg(test)]
 mod tests {
-    use Outcome::{Succeeded, TargetNotReached, Void};
+    use Outcome::{Partial, Succeeded, TargetNotReached, Void};
 
     use super::*;
 
@@ -63,7 +63,7 @@ mod tests {
     fn failures_count_in_a_row_and_void_runs_neither_add_nor_break_it() {
         let rule = StopWhen { failed_in_a_row: Some(2), interval_width: None };
         assert_eq!(
-            after(&[TargetNotReached, Succeeded, TargetNotReached, Void, TargetNotReached, Succeeded], &rule),
+            after(&[TargetNotReached, Succeeded, Partial, Void, TargetNotReached, Succeeded], &rule),
             [false, false, false, false, true, true]
         );
         assert_eq!(after(&[Void; 10], &rule), [false; 10]);

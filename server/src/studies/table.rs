@@ -104,6 +104,11 @@ cells! {
     /// Upper end of that interval.
     #[cfg_attr(test, schema(required))]
     success_rate_high: [Option<f64>],
+    /// Of the runs those that ended before the requested packing and kept what they had reached.
+    partial: [u64],
+    /// Volume fraction of the grains of these packings; median.
+    #[cfg_attr(test, schema(required))]
+    volume_fraction_reached_median: [Option<f64>],
     /// Wall-clock time of all runs together.
     #[cfg_attr(test, schema(required))]
     time_s_total: [Option<f64>],
@@ -116,7 +121,7 @@ cells! {
     /// Wall-clock time of the longest success.
     #[cfg_attr(test, schema(required))]
     time_s_max: [Option<f64>],
-    /// Constant distance kept, or reached where the run failed; median of the runs.
+    /// Constant distance kept, or reached where the run did not succeed; median of the runs.
     #[cfg_attr(test, schema(required))]
     distance_mm_median: [Option<f64>],
     /// The smallest of these.
@@ -207,6 +212,8 @@ impl Cells {
             success_rate: (runs_counted > 0).then(|| successes as f64 / runs_counted as f64),
             success_rate_low: interval.map(|[low, _]| low),
             success_rate_high: interval.map(|[_, high]| high),
+            partial: counted.iter().filter(|run| run.outcome == Outcome::Partial).count() as u64,
+            volume_fraction_reached_median: median_of(&counted, &|facts| facts.volume_fraction_reached),
             time_s_total,
             time_s_per_success: time_s_total.filter(|_| successes > 0).map(|total| total / successes as f64),
             time_s_median: median(&times),

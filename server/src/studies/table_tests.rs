@@ -30,6 +30,7 @@ fn every_figure_is_what_its_definition_says() {
         grains: Some(100),
         volume_fraction_effective: Some(0.5),
         volume_fraction_with_coating: Some(0.6),
+        volume_fraction_reached: None,
         distance_mm: Some(distance_mm),
         events: Some(events),
         edmd_s: Some(edmd_s),
@@ -64,7 +65,7 @@ fn every_figure_is_what_its_definition_says() {
         rows["rows"][0],
         row(json!({
             "/mix/volume_fraction": 0.55, "/method": {"type": "rsa"},
-            "runs": 0, "successes": 0, "waiting": 4, "void": 0, "stopped_early": 0,
+            "runs": 0, "successes": 0, "partial": 0, "waiting": 4, "void": 0, "stopped_early": 0,
         }))
     );
     let found = rows["rows"][1].clone();
@@ -75,12 +76,36 @@ fn every_figure_is_what_its_definition_says() {
             "/mix/volume_fraction": 0.6, "/method": {"type": "edmd"},
             "grains": 100.0, "volume_fraction_effective": 0.5, "volume_fraction_with_coating": 0.6,
             "runs": 3, "successes": 2, "success_rate": 2.0 / 3.0, "success_rate_low": low,
-            "success_rate_high": high, "time_s_total": 7.0, "time_s_per_success": 3.5,
+            "success_rate_high": high, "partial": 0, "volume_fraction_reached_median": null,
+            "time_s_total": 7.0, "time_s_per_success": 3.5,
             "time_s_median": 1.5, "time_s_max": 2.0,
             "distance_mm_median": 0.2, "distance_mm_min": 0.1, "distance_mm_max": 0.3,
             "events_median": 2000.0, "event_us_median": 312.5, "waiting": 1, "void": 1, "stopped_early": 2,
         })
     );
+}
+
+#[test]
+fn partial_packings_are_counted_apart_and_never_as_successes() {
+    let kept = |reached| Facts {
+        volume_fraction_effective: Some(0.6),
+        volume_fraction_reached: Some(reached),
+        volume_fraction_with_coating: Some(0.65),
+        ..taking(5.0)
+    };
+    let whole = Facts { volume_fraction_effective: Some(0.6), ..taking(1.0) };
+    let runs = [
+        run(0, 0, Outcome::Partial, kept(0.55)),
+        run(0, 1, Outcome::Succeeded, whole),
+        run(0, 2, Outcome::Partial, kept(0.59)),
+        run(0, 3, Outcome::TargetNotReached, taking(2.0)),
+    ];
+    let table = Table::new(&two_points(), &runs, &[]);
+    let cells = &table.rows[0].cells;
+    assert_eq!((cells.runs, cells.successes, cells.partial), (4, 1, 2));
+    assert_eq!((cells.success_rate, cells.volume_fraction_effective), (Some(0.25), Some(0.6)));
+    assert!((cells.volume_fraction_reached_median.unwrap() - 0.57).abs() < 1e-12);
+    assert_eq!((cells.time_s_median, cells.volume_fraction_with_coating), (Some(1.0), None));
 }
 
 #[test]
@@ -107,7 +132,7 @@ fn csv_quotes_what_must_be_and_tells_none_from_empty() {
     let csv = Table::new(&keys, &[], &[]).to_csv();
     let header = format!("point,\"a,\"\"b\"\"\",{}\n", Cells::NAMES.join(","));
     assert!(csv.starts_with(&header), "{csv}");
-    let empty = ",,,0,0,,,,,,,,,,,,,0,0,0";
+    let empty = ",,,0,0,,,,0,,,,,,,,,,,0,0,0";
     assert_eq!(csv[header.len()..], format!("0,\"x, \"\"y\"\"\nz\",{empty}\n1,\"\",{empty}\n2,,{empty}\n"));
 }
 

@@ -22,6 +22,7 @@ use tracing::Instrument as _;
 use super::claims;
 use super::control::{RunControl, Stop};
 use super::packing::complete;
+use crate::advice::failure_of;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::disk::is_passing;
@@ -214,11 +215,12 @@ impl Checks {
                         failure.code.name()
                     ));
                 };
-                match verify_failure(&request.packing(), &self.limits, &told, control) {
+                let packing = request.packing();
+                match verify_failure(&packing, &self.limits, &told, control) {
                     Ok(()) => {
                         let took = received.at - received.started_at.unwrap_or(received.at);
                         let facts = Facts::of_failure(&told, took.max(0) as f64 / 1e6);
-                        Verdict::Failure(told.into(), facts)
+                        Verdict::Failure(failure_of(told, &packing, &self.limits), facts)
                     }
                     Err(error) => refusal(error),
                 }

@@ -6,9 +6,10 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use packstone_engine::{Checkpoint, Control, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
 
 use crate::checkpoints::CheckpointWriter;
+use crate::jobs::StopRequests;
 
 /// Why a run is to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +28,10 @@ pub(crate) enum Stop {
 #[derive(Debug, Default)]
 pub(crate) struct RunControl {
     stop: AtomicU8,
+    /// Why the run is to end with what it has reached: 0 where it is not, else one more than the reason.
+    finish: AtomicU8,
+    /// What is reached at the time limit of the job is kept.
+    keeps_past_deadline: AtomicBool,
     latest: Mutex<Option<Progress>>,
     checkpoints: Option<CheckpointWriter>,
     resumed: AtomicBool,
@@ -59,6 +64,40 @@ impl RunControl {
             3 => Some(Stop::Shutdown),
             _ => Some(Stop::LeaseLost),
         }
+    }
+
+    /// Asks the run to end with the packing that it has reached. The first reason stays.
+    pub(crate) fn finish(&self, reason: Finish) {
+        // An error means that there is a reason already.
+        let _ = self.finish.compare_exchange(0, 1 + reason as u8, Ordering::AcqRel, Ordering::Acquire);
+    }
+
+    /// Does what clients want.
+    pub(crate) fn follow(&self, requests: StopRequests) {
+        if requests.cancel {
+            self.stop(Stop::Cancelled);
+        } else if requests.finish {
+            self.finish(Finish::Requested);
+        }
+    }
+
+    /// Says that a run which reaches its time limit ends with its packing.
+    pub(crate) fn keep_past_deadline(&self) {
+        self.keeps_past_deadline.store(true, Ordering::Release);
+    }
+
+    /// The time that the run may take is over.
+    pub(crate) fn reach_deadline(&self) {
+        if self.keeps_past_deadline.load(Ordering::Acquire) {
+            self.finish(Finish::TimedOut);
+        } else {
+            self.stop(Stop::TimedOut);
+        }
+    }
+
+    /// Whether the run was asked to stop, or to end with what it has reached.
+    pub(crate) fn is_ending(&self) -> bool {
+        self.should_stop() || self.should_finish().is_some()
     }
 
     /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run
@@ -101,6 +140,14 @@ impl Control for RunControl {
         self.stop.load(Ordering::Acquire) != 0
     }
 
+    fn should_finish(&self) -> Option<Finish> {
+        match self.finish.load(Ordering::Acquire) {
+            0 => None,
+            reason if reason == 1 + Finish::TimedOut as u8 => Some(Finish::TimedOut),
+            _ => Some(Finish::Requested),
+        }
+    }
+
     fn wants_checkpoint(&self) -> bool {
         let wanted =
             |writer: &CheckpointWriter| self.last_checkpoint.load(Ordering::Acquire) || writer.is_due();
@@ -129,5 +176,26 @@ mod tests {
         control.stop(Stop::Cancelled);
         assert!(control.should_stop());
         assert_eq!(control.stopped(), Some(Stop::TimedOut));
+    }
+
+    #[test]
+    fn a_run_that_is_kept_ends_with_its_packing_at_its_time_limit_or_when_asked() {
+        let kept = RunControl::default();
+        kept.keep_past_deadline();
+        assert!(!kept.is_ending() && kept.should_finish().is_none());
+        kept.reach_deadline();
+        assert!(kept.is_ending() && !kept.should_stop());
+        assert_eq!(kept.should_finish(), Some(Finish::TimedOut));
+        kept.follow(StopRequests { cancel: false, finish: true });
+        assert_eq!(kept.should_finish(), Some(Finish::TimedOut), "the first reason stays");
+        kept.follow(StopRequests { cancel: true, finish: true });
+        assert_eq!(kept.stopped(), Some(Stop::Cancelled), "who cancels wants no result");
+
+        let other = RunControl::default();
+        other.reach_deadline();
+        assert_eq!((other.stopped(), other.should_finish()), (Some(Stop::TimedOut), None));
+        let asked = RunControl::default();
+        asked.follow(StopRequests { cancel: false, finish: true });
+        assert_eq!((asked.stopped(), asked.should_finish()), (None, Some(Finish::Requested)));
     }
 }

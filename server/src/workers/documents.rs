@@ -10,8 +10,8 @@ use serde_json::Value;
 
 use crate::failure::Failure;
 use crate::ids::JobId;
-use crate::jobs::JobProgress;
 use crate::jobs::store::{Claimed, Held, Renewal};
+use crate::jobs::{JobProgress, StopRequests};
 use crate::storage::Bound;
 use crate::studies::Facts;
 use crate::workers::here::run_limit_s;
@@ -320,7 +320,9 @@ pub(crate) struct RenewedDocument {
 pub(crate) enum LeaseState {
     /// It is renewed.
     Running,
-    /// It is renewed, and a client wants the job to end.
+    /// It is renewed, and a client wants the run to end with the packing that it has reached.
+    FinishRequested,
+    /// It is renewed, and a client wants the job to end without a result.
     CancelRequested,
     /// The job is another attempt's, has ended, or is gone.
     Lost,
@@ -329,8 +331,9 @@ pub(crate) enum LeaseState {
 impl From<Held> for LeaseState {
     fn from(held: Held) -> Self {
         match held {
-            Held::Running { cancel_requested: false, .. } => Self::Running,
-            Held::Running { cancel_requested: true, .. } => Self::CancelRequested,
+            Held::Running { requests: StopRequests { cancel: true, .. }, .. } => Self::CancelRequested,
+            Held::Running { requests: StopRequests { finish: true, .. }, .. } => Self::FinishRequested,
+            Held::Running { .. } => Self::Running,
             Held::Ended | Held::Lost => Self::Lost,
         }
     }

@@ -126,22 +126,21 @@ impl<K: TaskKind> Executor<K> {
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
         let mut remaining = RemainingTime::default();
-        // A request to cancel that came between the lease and the subscription is seen here.
+        // A request that came between the lease and the subscription is seen here.
         let mut look = true;
         let mut last_checkpoint_by: Option<Instant> = None;
         loop {
             if look {
-                match self.kind.is_cancelled(work).await {
-                    Ok(true) => control.stop(Stop::Cancelled),
-                    Ok(false) => {}
+                match self.kind.requests(work).await {
+                    Ok(requests) => control.follow(requests),
                     Err(LeaseError::Lost) => control.stop(Stop::LeaseLost),
-                    Err(error) => tracing::warn!(%error, "a request to cancel may have been missed"),
+                    Err(error) => tracing::warn!(%error, "a request to end the run may have been missed"),
                 }
             }
             look = false;
             tokio::select! {
                 () = changes.changed() => look = true,
-                () = at(deadline), if !control.should_stop() => control.stop(Stop::TimedOut),
+                () = at(deadline), if !control.is_ending() => control.reach_deadline(),
                 () = self.shutdown.cancelled(), if last_checkpoint_by.is_none() && !control.should_stop() => {
                     if control.stop_after_checkpoint() {
                         last_checkpoint_by = Some(Instant::now() + LAST_CHECKPOINT);
@@ -161,8 +160,7 @@ impl<K: TaskKind> Executor<K> {
                     }
                     let news = news.map(|p| as_recorded(&p, &mut remaining, started.elapsed()));
                     match self.kind.renew(work, news).await {
-                        Ok(true) => control.stop(Stop::Cancelled),
-                        Ok(false) => {}
+                        Ok(requests) => control.follow(requests),
                         Err(LeaseError::Lost) => control.stop(Stop::LeaseLost),
                         Err(error) => tracing::warn!(%error, "progress was not recorded"),
                     }

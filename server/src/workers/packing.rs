@@ -15,12 +15,13 @@ use super::here::Here;
 use super::slots::Slots;
 use super::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, Terms};
 use super::there::There;
+use crate::advice::failure_of;
 use crate::artifacts::{Artifacts, InFlight};
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
 use crate::exports::NewExport;
 use crate::failure::{Failure, FailureCode};
-use crate::jobs::{ArtifactRecord, JobProgress, JobRequest, Lease};
+use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest, Lease, StopRequests};
 use crate::metrics::Metrics;
 use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
@@ -123,6 +124,9 @@ impl TaskKind for Packings {
         })?;
         let request = JobRequest::read(&stored, 0, None).map_err(Failure::invalid)?;
         let (request, postprocess) = (request.packing(), request.postprocess);
+        if !request.on_limit.is_fail() {
+            control.keep_past_deadline();
+        }
         let bytes = Plan::new(&request, &work.limits)
             .map_or(0, |plan| Storage::bytes_of_result(plan.grains, &request.mix));
         if let Err(no_room) = fits(bytes, work.room) {
@@ -141,7 +145,7 @@ impl TaskKind for Packings {
                 tracing::error!(%what, "a packing failed its check");
             }
             let facts = Facts::of_failure(&error, 0.0);
-            FailedRun { facts, failure: Box::new(error.into()) }
+            FailedRun { facts, failure: Box::new(failure_of(error, &request, &work.limits)) }
         })?;
         drop(computing);
         let facts = Facts::of_packing(&packed.report);
@@ -177,19 +181,23 @@ impl TaskKind for Packings {
         }
     }
 
-    async fn is_cancelled(&self, work: &Work) -> Result<bool, LeaseError> {
+    async fn requests(&self, work: &Work) -> Result<StopRequests, LeaseError> {
         match &self.source {
             Source::Here(here) => {
                 let job = here.store.get(work.lease.id).await?;
-                Ok(job.is_some_and(|job| job.cancel_requested))
+                let requests = |job: JobRecord| StopRequests {
+                    cancel: job.cancel_requested,
+                    finish: job.finish_requested,
+                };
+                Ok(job.map_or(StopRequests::default(), requests))
             }
-            Source::There(there) => there.is_cancelled(work.lease),
+            Source::There(there) => there.requests(work.lease),
         }
     }
 
-    async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<bool, LeaseError> {
+    async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<StopRequests, LeaseError> {
         match &self.source {
-            Source::Here(here) => Ok(here.store.heartbeat(work.lease, news).await?.cancel_requested),
+            Source::Here(here) => Ok(here.store.heartbeat(work.lease, news).await?),
             Source::There(there) => there.renew(work.lease, news),
         }
     }

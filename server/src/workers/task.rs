@@ -12,7 +12,7 @@ use super::slots::Held;
 use crate::ids::ExportId;
 use crate::jobs::notifications::Subscription;
 use crate::jobs::store::StoreError;
-use crate::jobs::{JobId, JobProgress};
+use crate::jobs::{JobId, JobProgress, StopRequests};
 
 /// A leased task, if there is one, with its slots.
 pub(crate) type Claimed<W> = Result<Option<(W, Option<Held>)>, LeaseError>;
@@ -53,16 +53,16 @@ pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
         computing: Computing,
     ) -> Result<Self::Made, NotMade>;
 
-    /// Starts to listen for requests to cancel, and for the loss of the lease.
+    /// Starts to listen for requests of clients, and for the loss of the lease.
     fn follow(&self, work: &Self::Work) -> Following;
 
-    /// Whether a client has cancelled the task.
+    /// What clients want of the task.
     ///
     /// # Errors
     /// [`LeaseError::Lost`], or those of the source.
-    fn is_cancelled(&self, work: &Self::Work) -> impl Future<Output = Result<bool, LeaseError>> + Send;
+    fn requests(&self, work: &Self::Work) -> impl Future<Output = Result<StopRequests, LeaseError>> + Send;
 
-    /// Renews the lease, with the progress where there is any; whether a client has cancelled the task.
+    /// Renews the lease, with the progress where there is any; what clients want of the task.
     ///
     /// # Errors
     /// [`LeaseError::Lost`], or those of the source.
@@ -70,7 +70,7 @@ pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
         &self,
         work: &Self::Work,
         news: Option<JobProgress>,
-    ) -> impl Future<Output = Result<bool, LeaseError>> + Send;
+    ) -> impl Future<Output = Result<StopRequests, LeaseError>> + Send;
 
     /// Time between two renewals, at most.
     fn renew_every(&self) -> Duration;
@@ -145,7 +145,7 @@ impl From<StoreError> for LeaseError {
     }
 }
 
-/// Tells of requests to cancel a task, and of its loss.
+/// Tells of requests of clients about a task, and of its loss.
 pub(crate) enum Following {
     /// A job of the store of this process.
     Job(Subscription<JobId>),

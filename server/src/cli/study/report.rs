@@ -97,7 +97,7 @@ struct Column {
     text: fn(&Cells) -> Option<String>,
 }
 
-const COLUMNS: [Column; 9] = [
+const COLUMNS: [Column; 10] = [
     Column { title: "grains", text: |cells| cells.grains.map(|x| format!("{x:.0}")) },
     Column { title: "phi_eff", text: |cells| cells.volume_fraction_effective.map(|x| format!("{x:.4}")) },
     Column {
@@ -111,6 +111,10 @@ const COLUMNS: [Column; 9] = [
             let (low, high) = (cells.success_rate_low?, cells.success_rate_high?);
             Some(format!("{:.0}..{:.0} %", low * 100.0, high * 100.0))
         },
+    },
+    Column {
+        title: "partial, reached",
+        text: |cells| Some(format!("{}, {:.4}", cells.partial, cells.volume_fraction_reached_median?)),
     },
     Column { title: "s per success", text: |cells| cells.time_s_per_success.map(three_digits) },
     Column { title: "distance mm", text: |cells| cells.distance_mm_median.map(|x| format!("{x:.4}")) },

@@ -1,5 +1,5 @@
-//! Lines of JSON that tell whether a byte of them has changed: the first member of each object, `crc32`, is the CRC-32 of
-//! the text after this member and its comma, as eight hexadecimal digits.
+//! Lines of JSON that tell whether a byte of them has changed: the first member of each object, `crc32`, is the CRC-32
+//! of the text after this member and its comma, as eight hexadecimal digits.
 
 use std::io;
 

@@ -20,7 +20,7 @@ use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, Model, Provenance};
-use packstone_engine::{Checkpoint, Control, Grains, Limits, PackError, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Grains, Limits, PackError, Phase, Progress};
 use sha2::{Digest as _, Sha256};
 
 use super::super::exports;
@@ -294,6 +294,7 @@ impl WorkerPool<'_> {
             pool: self,
             thread,
             deadline: job.timeout_s.map(|s| start + Duration::from_secs_f64(s)),
+            keeps: !job.on_limit.is_fail(),
             timed_out: AtomicBool::new(false),
             writer: self.checkpoints.writer(&id, attempt),
             phase: AtomicU8::new(BEFORE_GROWTH),
@@ -304,7 +305,10 @@ impl WorkerPool<'_> {
         }));
         let time_s = start.elapsed().as_secs_f64();
         let (outcome, facts, fault) = match &packed {
-            Ok(Ok(packing)) => (Outcome::Succeeded, Facts::of_packing(&packing.report), None),
+            Ok(Ok(packing)) => {
+                let facts = Facts::of_packing(&packing.report);
+                (facts.outcome_of_packing(), facts, None)
+            }
             Ok(Err(PackError::Stopped { .. })) if !control.timed_out.load(Ordering::Relaxed) => {
                 return Ok(None);
             }
@@ -433,12 +437,23 @@ struct Watch<'a> {
     pool: &'a WorkerPool<'a>,
     thread: usize,
     deadline: Option<Instant>,
+    /// What is reached at the deadline is kept.
+    keeps: bool,
     timed_out: AtomicBool,
     writer: CheckpointWriter,
     /// The last one that was reported.
     phase: AtomicU8,
     /// A checkpoint has been kept since the pool was stopped.
     kept_last: AtomicBool,
+}
+
+impl Watch<'_> {
+    fn is_past_deadline(&self) -> bool {
+        if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+            self.timed_out.store(true, Ordering::Relaxed);
+        }
+        self.timed_out.load(Ordering::Relaxed)
+    }
 }
 
 impl Control for Watch<'_> {
@@ -459,10 +474,11 @@ impl Control for Watch<'_> {
                 || self.kept_last.load(Ordering::Relaxed)
                 || since >= LAST_CHECKPOINT_WITHIN;
         }
-        if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
-            self.timed_out.store(true, Ordering::Relaxed);
-        }
-        self.timed_out.load(Ordering::Relaxed)
+        !self.keeps && self.is_past_deadline()
+    }
+
+    fn should_finish(&self) -> Option<Finish> {
+        (self.keeps && self.is_past_deadline()).then_some(Finish::TimedOut)
     }
 
     fn wants_checkpoint(&self) -> bool {

@@ -1,4 +1,4 @@
-//! What a client may do to a job: cancel, retry, delete.
+//! What a client may do to a job: cancel, finish, retry, delete.
 
 use axum::Extension;
 use axum::extract::State;
@@ -49,6 +49,37 @@ pub(crate) async fn cancel(
         Cancelled::Soon(job) => (job, StatusCode::ACCEPTED),
     };
     tracing::info!(job_id = %id, state = job.state.name(), "cancel asked for");
+    shown(&app, &caller, &job, status).await
+}
+
+/// End a run with the packing that it has reached
+///
+/// The job succeeds within 5 s, beside the time that the check of the packing takes, whatever its `on_limit` says.
+/// `summary.partial` of the result tells how far the run came; it is absent where the packing was complete already.
+/// The same request once more changes nothing. 409 where nothing can be kept: the job waits, has placed no grain yet, or
+/// has ended.
+#[cfg_attr(test, utoipa::path(
+    post, path = "/v1/jobs/{id}/finish", tag = "jobs", operation_id = "finish_job",
+    params(
+        JobPath,
+        ("If-Match" = Option<String>, Header, description = "Tag of the job; nothing is done if it has changed since"),
+    ),
+    responses(
+        (status = 202, description = "The run was asked to end", body = view::Job),
+        (status = 200, description = "The run was asked before, and the job has its result", body = view::Job),
+        crate::http::problems::sets::ActionProblems
+    )
+))]
+pub(crate) async fn finish(
+    State(app): State<App>,
+    Extension(caller): Extension<Caller>,
+    IdPath(id): JobPath,
+    _: Query<NoParameters>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = app.shared.store.finish(target(id, &headers)).await.map_err(|error| refused(error, id))?;
+    tracing::info!(job_id = %id, state = job.state.name(), "asked to end with what is reached");
+    let status = if job.state.is_finished() { StatusCode::OK } else { StatusCode::ACCEPTED };
     shown(&app, &caller, &job, status).await
 }
 

@@ -109,11 +109,12 @@ pub(crate) async fn events(
     Ok(event_stream(follow(following)))
 }
 
-/// State, attempt, request to cancel, and until when it is not started: a job has moved where one of them differs.
-type Moved = (jobs::State, i64, bool, Option<i64>);
+/// State, attempt, requests to cancel and to finish, and until when it is not started: a job has moved where one of them
+/// differs.
+type Moved = (jobs::State, i64, bool, bool, Option<i64>);
 
 fn moved(job: &JobRecord) -> Moved {
-    (job.state, job.attempt, job.cancel_requested, job.not_before)
+    (job.state, job.attempt, job.cancel_requested, job.finish_requested, job.not_before)
 }
 
 /// What a stream has told its client.

@@ -37,6 +37,8 @@ pub(crate) struct JobSummary {
     state: State,
     /// A client wants the job to end.
     cancel_requested: bool,
+    /// A client wants the run to end with the packing that it has reached.
+    finish_requested: bool,
     /// The attempt that runs, ran last, or will run next.
     #[cfg_attr(test, schema(minimum = 1))]
     attempt: i64,
@@ -171,6 +173,8 @@ pub(crate) struct Links {
     exports: String,
     /// Where to cancel it.
     cancel: String,
+    /// Where to end its run with the packing that it has reached.
+    finish: String,
     /// Where to retry it.
     retry: String,
 }
@@ -202,6 +206,7 @@ impl JobSummary {
             labels: job.labels.clone(),
             state: job.state,
             cancel_requested: job.cancel_requested,
+            finish_requested: job.finish_requested,
             attempt: job.attempt,
             max_attempts: job.max_attempts,
             priority: job.priority,
@@ -237,6 +242,7 @@ impl JobSummary {
                     .collect(),
                 exports: format!("{this}/exports"),
                 cancel: format!("{this}/cancel"),
+                finish: format!("{this}/finish"),
                 retry: format!("{this}/retry"),
                 this,
             },

@@ -48,6 +48,10 @@ pub(crate) fn refused(error: StoreError, id: impl std::fmt::Display) -> Problem 
             format!("the state of job {id} is {}, which forbids this", state.name()),
         )
         .with(|members| members.state = Some(state.name())),
+        StoreError::NothingReached(state, why) => {
+            Problem::new(Kind::Conflict, format!("nothing can be kept of job {id}: {why}"))
+                .with(|members| members.state = Some(state.name()))
+        }
         other => other.into(),
     }
 }

@@ -12,7 +12,7 @@ use super::{Store, StoreError};
 use crate::exports::NewExport;
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobId, JobProgress, Lease};
-use crate::studies::{Facts, Outcome};
+use crate::studies::Facts;
 
 /// Wrong results after which a worker process gets no job.
 pub(crate) const MOST_WRONG_RESULTS: i64 = 3;
@@ -109,7 +109,7 @@ impl Store {
                             .execute(&mut *tx)
                             .await?;
                             insert_beforehand(tx, lease.seq, postprocess, now).await?;
-                            runs::record(tx, &moved, Outcome::Succeeded, facts, now).await
+                            runs::record(tx, &moved, facts.outcome_of_packing(), facts, now).await
                         })
                     },
                 )

@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
-use super::{Store, StoreError, fault_pause, micros};
+use super::{Store, StoreError, fault_pause, micros, rows};
 use crate::exports::ExportRecord;
 use crate::failure::Failure;
-use crate::jobs::{JobProgress, Lease, WaitReason};
+use crate::jobs::{JobProgress, Lease, StopRequests, WaitReason};
 
 /// A leased job or export.
 #[derive(Clone, Copy, Debug)]
@@ -53,7 +53,7 @@ macro_rules! of_kind {
                 "worker <> ''",
                 "cancel_requested",
                 "progress",
-                "id, owner, cancel_requested, study, point, replicate,
+                "id, owner, cancel_requested, finish_requested, study, point, replicate,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id"
             ),
             Kind::Export => {
@@ -63,7 +63,7 @@ macro_rules! of_kind {
                     "false",
                     "false",
                     "null",
-                    "id, owner, false as cancel_requested"
+                    "id, owner, false as cancel_requested, false as finish_requested"
                 )
             }
         }
@@ -166,7 +166,7 @@ impl LeasedTask {
         store: &Store,
         news: Option<&str>,
         tx: &mut Transaction<'_>,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<StopRequests, StoreError> {
         let now = store.now_us();
         let row = query(of_kind!(self.kind, renew))
             .bind(now.saturating_add(micros(store.lease())))
@@ -176,7 +176,7 @@ impl LeasedTask {
             .bind(self.attempt)
             .fetch_optional(tx)
             .await?;
-        Ok(row.ok_or(StoreError::LeaseLost)?.try_get("cancel_requested")?)
+        rows::stop_requests(&row.ok_or(StoreError::LeaseLost)?)
     }
 
     /// Ends the run without a file, in the state `to` and with the failure as JSON, where there is one. Returns the
@@ -248,7 +248,7 @@ pub(super) async fn take_back(
 }
 
 impl Store {
-    /// Renews a lease, with the progress where there is any; whether a client has cancelled the task.
+    /// Renews a lease, with the progress where there is any; what clients want of the task.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -256,7 +256,7 @@ impl Store {
         &self,
         task: LeasedTask,
         progress: Option<&JobProgress>,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<StopRequests, StoreError> {
         let news = progress.map(to_json).transpose()?;
         // A lease does not outlive a power cut.
         self.write(Durability::ProcessEnd, (task, news), |store, (task, news), tx| {

@@ -11,7 +11,7 @@ use super::claims::{Claimed, Lessee};
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
-use crate::jobs::{JobId, JobProgress, Lease, State};
+use crate::jobs::{JobId, JobProgress, Lease, State, StopRequests};
 
 /// A process that asks for jobs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ pub(crate) struct RunningProcess {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Held {
     /// The attempt runs.
-    Running { lease: Lease, cancel_requested: bool },
+    Running { lease: Lease, requests: StopRequests },
     /// The attempt was the last of the job, which has ended, waits for a client, or waits for the check of what the
     /// process has sent.
     Ended,
@@ -116,7 +116,7 @@ impl Store {
     /// The database's.
     pub(crate) async fn held(&self, key: &str, id: JobId, attempt: i64) -> Result<Held, StoreError> {
         let row = query(
-            "select seq, state, cancel_requested, received_at,
+            "select seq, state, cancel_requested, finish_requested, received_at,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id
              from jobs where id = ? and attempt = ? and worker_key = ? and worker <> ''",
         )
@@ -130,10 +130,9 @@ impl Store {
         Ok(match state {
             // Its result, or why there is none, was received.
             State::Running if row.try_get::<Option<i64>>("received_at")?.is_some() => Held::Ended,
-            State::Running => Held::Running {
-                lease: lease(&row, id, attempt)?,
-                cancel_requested: row.try_get("cancel_requested")?,
-            },
+            State::Running => {
+                Held::Running { lease: lease(&row, id, attempt)?, requests: rows::stop_requests(&row)? }
+            }
             state if state.is_finished() => Held::Ended,
             _ => Held::Lost,
         })
@@ -221,7 +220,7 @@ async fn renew_all(
                  updated_at = case when ?2 is null then updated_at else ?3 end
              where id = ?4 and attempt = ?5 and worker_key = ?6 and worker <> '' and state = 'running'
                  and received_at is null
-             returning seq, cancel_requested,
+             returning seq, cancel_requested, finish_requested,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id",
         )
         .bind(now.saturating_add(micros(store.limits().lease)))
@@ -235,7 +234,7 @@ async fn renew_all(
         held.push(match row {
             Some(row) => Held::Running {
                 lease: lease(&row, renewal.id, renewal.attempt)?,
-                cancel_requested: row.try_get("cancel_requested")?,
+                requests: rows::stop_requests(&row)?,
             },
             None => Held::Lost,
         });

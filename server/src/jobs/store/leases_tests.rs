@@ -12,7 +12,7 @@ use super::tests::{LIMITS, artifact, fresh, fresh_file, open, plan_of, progress,
 use super::*;
 use crate::accounts::Submitter;
 use crate::failure::Failure;
-use crate::jobs::{State, WaitReason};
+use crate::jobs::{State, StopRequests, WaitReason};
 use crate::studies::Facts;
 
 fn claim(id: &str, slots: u32) -> Claim {
@@ -55,14 +55,17 @@ async fn a_lease_is_its_keys_and_renewed_together_with_others() {
         store.claim_for(claim("a", 2)).await.unwrap().iter().map(|claimed| claimed.lease).collect();
     let news = Renewal { progress: Some(progress(0.25)), ..renewal(leases[1]) };
     let renewed = store.renew("workers".into(), vec![renewal(leases[0]), news.clone()]).await.unwrap();
-    let expected: Vec<Held> =
-        leases.iter().map(|lease| Held::Running { lease: *lease, cancel_requested: false }).collect();
+    let expected: Vec<Held> = leases
+        .iter()
+        .map(|lease| Held::Running { lease: *lease, requests: StopRequests::default() })
+        .collect();
     assert_eq!(renewed, expected);
     assert_eq!(store.get(leases[1].id).await.unwrap().unwrap().progress.unwrap()["fraction"], 0.25);
     assert_eq!(store.renew("others".into(), vec![news]).await.unwrap(), [Held::Lost]);
     store.cancel(leases[0].id).await.unwrap();
     let renewed = store.renew("workers".into(), vec![renewal(leases[0])]).await.unwrap();
-    assert_eq!(renewed, [Held::Running { lease: leases[0], cancel_requested: true }]);
+    let requests = StopRequests { cancel: true, finish: false };
+    assert_eq!(renewed, [Held::Running { lease: leases[0], requests }]);
     store.finish_cancelled(leases[0]).await.unwrap();
     assert_eq!(held(&store, leases[0]).await, Held::Ended);
     assert_eq!(store.renew("workers".into(), vec![renewal(leases[0])]).await.unwrap(), [Held::Lost]);

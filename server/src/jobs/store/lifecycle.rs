@@ -12,15 +12,8 @@ use super::submit::to_json;
 use super::{Store, StoreError, Target, rows, turns};
 use crate::exports::NewExport;
 use crate::failure::Failure;
-use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State, WaitReason};
+use crate::jobs::{ArtifactRecord, JobId, JobProgress, JobRecord, Lease, State, StopRequests, WaitReason};
 use crate::studies::{Facts, Outcome};
-
-/// The answer to the report of a worker.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Heartbeat {
-    /// A client has cancelled the job.
-    pub(crate) cancel_requested: bool,
-}
 
 /// The effect of a cancellation.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +25,7 @@ pub(crate) enum Cancelled {
 }
 
 impl Store {
-    /// Renews a lease, and records the progress where there is any.
+    /// Renews a lease, and records the progress where there is any; what clients want of the job.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`], or the database's.
@@ -40,14 +33,14 @@ impl Store {
         &self,
         lease: Lease,
         progress: Option<JobProgress>,
-    ) -> Result<Heartbeat, StoreError> {
+    ) -> Result<StopRequests, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let cancel_requested = store.renew_lease(lease.into(), progress.as_ref()).await?;
+            let requests = store.renew_lease(lease.into(), progress.as_ref()).await?;
             if progress.is_some() {
                 store.notify(lease.id);
             }
-            Ok(Heartbeat { cancel_requested })
+            Ok(requests)
         })
         .await
     }
@@ -235,6 +228,40 @@ impl Store {
         .await
     }
 
+    /// Asks the worker of a running job to end the run with the packing that it has reached. Once asked, the same
+    /// request changes nothing more, also after the end.
+    ///
+    /// # Errors
+    /// [`StoreError::NoJob`], [`StoreError::NothingReached`] where there is no packing to end with, or the database's.
+    pub(crate) async fn finish(&self, job: impl Into<Target<JobId>>) -> Result<JobRecord, StoreError> {
+        let (store, target) = (self.clone(), job.into());
+        self.detached(async move {
+            let mut writer = store.writer().await?;
+            let mut tx = writer.begin().await?;
+            let before = rows::by_id(&mut tx, target.id).await?;
+            target.check(before.version)?;
+            if before.finish_requested && before.has_or_may_have_result() {
+                return Ok(before);
+            }
+            if let Some(why) = before.reached_nothing() {
+                return Err(StoreError::NothingReached(before.state, why));
+            }
+            query(
+                "update jobs set finish_requested = true, version = version + 1, updated_at = ?2 where seq = ?1",
+            )
+            .bind(before.seq)
+            .bind(store.now_us())
+            .execute(&mut tx)
+            .await?;
+            let job = rows::by_seq(&mut tx, before.seq).await?;
+            tx.commit().await?;
+            drop(writer);
+            store.notify_job(&job);
+            Ok(job)
+        })
+        .await
+    }
+
     /// Requeues a failed or cancelled job, with all its attempts; a succeeded one where its result at the path
     /// `damaged` is no longer what was stored.
     ///
@@ -266,7 +293,7 @@ impl Store {
             query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?2,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = false,
-                     started_at = null, finished_at = null, progress = null, error = null, turn = ?3,
+                     finish_requested = false, started_at = null, finished_at = null, progress = null, error = null, turn = ?3,
                      faults = 0, not_before = null
                  where seq = ?1",
             )

@@ -146,6 +146,9 @@ pub(crate) enum StoreError {
     /// The job's state forbids it.
     #[error("the job is {}", .0.name())]
     Forbidden(State),
+    /// A run cannot end with a packing that it has not reached.
+    #[error("nothing can be kept of the job: {1}")]
+    NothingReached(State, &'static str),
     /// Another attempt holds the job or export, or none does.
     #[error("the lease was lost")]
     LeaseLost,

@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::db::{Row, Transaction, query};
 use super::{StoreError, bodies};
 use crate::ids::StudyId;
-use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StudyPlace};
+use crate::jobs::{ArtifactRecord, JobId, JobRecord, State, StopRequests, StudyPlace};
 use crate::tasks;
 
 /// Documents that are longer than this are read off the threads that answer.
@@ -65,6 +65,7 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         attempt: row.try_get("attempt")?,
         max_attempts: row.try_get("max_attempts")?,
         cancel_requested: row.try_get("cancel_requested")?,
+        finish_requested: row.try_get("finish_requested")?,
         version: row.try_get("version")?,
         created_at: row.try_get("created_at")?,
         started_at: row.try_get("started_at")?,
@@ -85,6 +86,11 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         worker: row.try_get("worker")?,
         faults: row.try_get("faults")?,
     })
+}
+
+/// Reads what clients want of a job from its row.
+pub(super) fn stop_requests(row: &Row) -> Result<StopRequests, StoreError> {
+    Ok(StopRequests { cancel: row.try_get("cancel_requested")?, finish: row.try_get("finish_requested")? })
 }
 
 /// Reads the columns of a row of `artifacts`.

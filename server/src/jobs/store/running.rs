@@ -72,7 +72,7 @@ impl Success {
             return recorded_before(*lease, artifact, tx).await.map(|()| Vec::new());
         };
         insert_beforehand(tx, lease.seq, postprocess, now).await?;
-        runs::record(tx, &moved, Outcome::Succeeded, facts, now).await
+        runs::record(tx, &moved, facts.outcome_of_packing(), facts, now).await
     }
 }
 

@@ -335,7 +335,7 @@ async fn a_job_whose_cancellation_was_asked_for_is_not_recovered() {
     assert!(asked.cancel_requested);
     let Cancelled::Soon(again) = store.cancel(job.id).await.unwrap() else { panic!("it was running") };
     assert_eq!(again.version, asked.version, "asking twice is no news");
-    assert!(store.heartbeat(lease, None).await.unwrap().cancel_requested);
+    assert!(store.heartbeat(lease, None).await.unwrap().cancel);
     store.recover(Vec::new()).await.unwrap();
     assert_eq!(store.get(job.id).await.unwrap().unwrap().state, State::Cancelled);
 }

@@ -33,7 +33,7 @@ use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
 use crate::failure::{Failure, FailureCode};
 use crate::ids::JobId;
-use crate::jobs::{JobProgress, Lease};
+use crate::jobs::{JobProgress, Lease, StopRequests};
 use crate::studies::Facts;
 
 pub(crate) use server::{Server, ServerError};
@@ -180,24 +180,25 @@ impl There {
         }
     }
 
-    /// Whether a client has cancelled the job, as the last renewal told.
-    pub(super) fn is_cancelled(&self, lease: Lease) -> Result<bool, LeaseError> {
+    /// What clients want of the job, as the last renewal told.
+    pub(super) fn requests(&self, lease: Lease) -> Result<StopRequests, LeaseError> {
         let state = self.jobs().get(&key(lease)).map(|job| *job.state.borrow());
         match state {
-            Some(State::Running) => Ok(false),
-            Some(State::CancelRequested) => Ok(true),
+            Some(State::Running) => Ok(StopRequests::default()),
+            Some(State::FinishRequested) => Ok(StopRequests { finish: true, cancel: false }),
+            Some(State::CancelRequested) => Ok(StopRequests { finish: false, cancel: true }),
             Some(State::Lost) | None => Err(LeaseError::Lost),
         }
     }
 
     /// Leaves news for the next renewal.
-    pub(super) fn renew(&self, lease: Lease, news: Option<JobProgress>) -> Result<bool, LeaseError> {
+    pub(super) fn renew(&self, lease: Lease, news: Option<JobProgress>) -> Result<StopRequests, LeaseError> {
         if news.is_some()
             && let Some(job) = self.jobs().get_mut(&key(lease))
         {
             job.progress = news;
         }
-        self.is_cancelled(lease)
+        self.requests(lease)
     }
 
     /// Sends the result or the end of a run; the lease ends with it.
@@ -205,7 +206,7 @@ impl There {
         let ended = self.send_end(lease, told).await;
         if let Err(error) = &ended
             && error.passes()
-            && self.is_cancelled(lease).is_ok()
+            && self.requests(lease).is_ok()
         {
             return Err(LeaseError::Passing(error.to_string()));
         }

@@ -235,6 +235,7 @@ impl Store {
             let rows = query(
                 "update jobs set state = 'queued', version = version + 1, updated_at = ?1,
                      max_attempts = attempt + attempt_budget, attempt = attempt + 1, cancel_requested = false,
+                     finish_requested = false,
                      started_at = null, finished_at = null, progress = null, error = null, faults = 0,
                      not_before = null, turn = ?2 + ranked.place
                  from (

@@ -10,8 +10,12 @@ use crate::studies::stop::Tally;
 use crate::studies::{Facts, Outcome, StopWhen};
 
 /// Outcomes with their names in the store.
-const OUTCOMES: [(Outcome, &str); 3] =
-    [(Outcome::Succeeded, "succeeded"), (Outcome::TargetNotReached, "not_reached"), (Outcome::Void, "void")];
+const OUTCOMES: [(Outcome, &str); 4] = [
+    (Outcome::Succeeded, "succeeded"),
+    (Outcome::Partial, "partial"),
+    (Outcome::TargetNotReached, "not_reached"),
+    (Outcome::Void, "void"),
+];
 
 /// How a study counts a job that failed so.
 pub(in super::super) fn outcome_of(code: FailureCode) -> Outcome {

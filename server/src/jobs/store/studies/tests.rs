@@ -326,7 +326,7 @@ async fn a_study_is_cancelled_retried_and_deleted_as_a_whole() {
     assert!(matches!(store.delete_study(study.id).await, Err(StoreError::StudyForbidden(StudyState::Open))));
     let asked = store.cancel_study(study.id).await.unwrap();
     assert_eq!((asked.counts.cancelled, asked.counts.running, asked.state()), (4, 1, StudyState::Open));
-    assert!(store.heartbeat(running, None).await.unwrap().cancel_requested);
+    assert!(store.heartbeat(running, None).await.unwrap().cancel);
     let version = again(&store, &study).await.version;
     store.cancel_study(study.id).await.unwrap();
     assert_eq!(again(&store, &study).await.version, version, "asking twice is no news");
