@@ -177,7 +177,7 @@ fn every_fault_names_field_value_and_bound() {
                 v["mix"] =
                     json!({"grading": {"type": "diameters", "diameters_mm": [5]}, "volume_fraction": 0.5})
             },
-            "/mix/volume_fraction: an explicit list of diameters prescribes the volume: leave this field out",
+            "/mix/volume_fraction: an explicit list of diameters prescribes the volume: leave this field out, or set it to \"maximize\", which scales all diameters of the list by one factor",
         ),
         (
             |v| v["distance"]["gap_mm"] = json!(-1),
