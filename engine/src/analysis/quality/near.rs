@@ -2,6 +2,7 @@
 
 use crate::arrays;
 use crate::geometry::cells::Octaves;
+use crate::geometry::images::Images;
 use crate::memory::OutOfMemory;
 use crate::packing::Spheres;
 use crate::request::Specimen;
@@ -24,7 +25,7 @@ pub(super) struct Near<'a> {
     pub(super) spheres: &'a Spheres,
     octaves: Octaves,
     bounds_mm: [f64; 3],
-    is_periodic: bool,
+    images: Images,
 }
 
 impl<'a> Near<'a> {
@@ -34,38 +35,27 @@ impl<'a> Near<'a> {
             spheres,
             octaves: Octaves::new(spheres, bounds_mm, 0.0)?,
             bounds_mm,
-            is_periodic: specimen.is_periodic(),
+            images: Images::new(specimen),
         })
     }
 
     /// Calls `visit` with every other sphere whose gap to this one is at most `reach_mm`. In a periodic box a sphere
-    /// that is near through two faces is visited twice, and images beyond the neighbouring boxes are not seen.
+    /// that is near through two faces is visited twice.
     pub(super) fn for_each(&self, row: usize, reach_mm: f64, mut visit: impl FnMut(Neighbor)) {
         let center = self.spheres.center(row);
         let radius_mm = self.spheres.d_mm[row] / 2.0;
         let far_mm = radius_mm + self.spheres.d_mm[0] / 2.0 + reach_mm;
-        let shifts = |axis: usize| {
-            let (x, length) = (center[axis], self.bounds_mm[axis]);
-            let periodic = self.is_periodic;
-            [0.0, length, -length]
-                .into_iter()
-                .filter(move |&s| s == 0.0 || periodic && x + s > -far_mm && x + s < length + far_mm)
-        };
-        for x in shifts(0) {
-            for y in shifts(1) {
-                for z in shifts(2) {
-                    let image = [center[0] + x, center[1] + y, center[2] + z];
-                    self.octaves.for_each_near(image, radius_mm, reach_mm, |other| {
-                        let step_mm: [f64; 3] = arrays::from_fn(|a| other.center_mm[a] - image[a]);
-                        let distance_mm = step_mm.iter().map(|x| x * x).sum::<f64>().sqrt();
-                        let gap_mm = distance_mm - radius_mm - other.d_mm / 2.0;
-                        let other = other.row as usize;
-                        if gap_mm <= reach_mm && other != row {
-                            visit(Neighbor { row: other, step_mm, distance_mm, gap_mm });
-                        }
-                    });
+        for image in self.images.meeting_box(center, [far_mm; 3]) {
+            let image: [f64; 3] = arrays::from_fn(|a| center[a] + image.offset_mm[a]);
+            self.octaves.for_each_near(image, radius_mm, reach_mm, |other| {
+                let step_mm: [f64; 3] = arrays::from_fn(|a| other.center_mm[a] - image[a]);
+                let distance_mm = step_mm.iter().map(|x| x * x).sum::<f64>().sqrt();
+                let gap_mm = distance_mm - radius_mm - other.d_mm / 2.0;
+                let other = other.row as usize;
+                if gap_mm <= reach_mm && other != row {
+                    visit(Neighbor { row: other, step_mm, distance_mm, gap_mm });
                 }
-            }
+            });
         }
     }
 

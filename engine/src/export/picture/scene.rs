@@ -10,6 +10,7 @@ use crate::elementary::{atan2, cbrt, cos, hypot, sin};
 use crate::export::Model;
 use crate::export::solids::{Sectioned, quadratic};
 use crate::geometry::convex::{Convex, Place};
+use crate::geometry::images::Images;
 use crate::memory::{OutOfMemory, reserved};
 use crate::packing::GrainsRef;
 use crate::request::Specimen;
@@ -347,8 +348,7 @@ impl Scene {
 /// The grains, with those images of a periodic box that reach into it.
 fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
     let sectioned = Sectioned::new(model.grains)?;
-    let size = Vector::from(model.specimen.bounds_mm());
-    let shifts: &[f64] = if model.specimen.is_periodic() { &[0.0, -1.0, 1.0] } else { &[0.0] };
+    let images = Images::new(model.specimen);
     let templates: Vec<_> = Convex::all(model.grains.templates()).into_iter().map(Arc::new).collect();
     let form_of = |grain: usize| match model.grains {
         GrainsRef::Spheres(_) => Form::Sphere,
@@ -367,19 +367,13 @@ fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
         let (center, half, radius) =
             (Vector::from(sectioned.center(i)), sectioned.half_extents(i), diameter / 2.0);
         let (form, outer) = (form_of(i), sectioned.outer_radius(i));
-        for &x in shifts {
-            for &y in shifts {
-                for &z in shifts {
-                    let center = center + Vector::new(x, y, z).component_mul(&size);
-                    if (0..3).all(|a| center[a] + half[a] > 0.0 && center[a] - half[a] < size[a]) {
-                        let mut form = form.clone();
-                        if let Form::Polyhedron(_, place) = &mut form {
-                            place.center = center;
-                        }
-                        grains.push(Grain { center, radius, outer, form, number: i as u32 });
-                    }
-                }
+        for image in images.meeting_box(center.into(), half) {
+            let center = center + image.offset_mm;
+            let mut form = form.clone();
+            if let Form::Polyhedron(_, place) = &mut form {
+                place.center = center;
             }
+            grains.push(Grain { center, radius, outer, form, number: i as u32 });
         }
     }
     Ok(grains)

@@ -9,6 +9,7 @@ use super::{Axis, Polygon, SliceReport};
 use crate::arrays::Each as _;
 use crate::export::Model;
 use crate::export::solids::Sectioned;
+use crate::geometry::images::Images;
 use crate::memory::OutOfMemory;
 use crate::request::GrainKind;
 use crate::request::Specimen;
@@ -125,16 +126,17 @@ impl Cut {
             sections: Vec::new(),
         };
         let solids = Sectioned::new(model.grains)?;
-        let shifts: &[f64] = if periodic { &[-1.0, 0.0, 1.0] } else { &[0.0] };
+        let images = Images::new(model.specimen);
         for grain in 0..solids.len() {
-            let center = solids.center(grain);
-            for shift in shifts {
-                let height = at_mm - (center[axis.index()] + shift * bounds[axis.index()]);
+            let (center, half) = (solids.center(grain), solids.half_extents(grain));
+            let steps = |axis: usize| images.steps(axis, center[axis], half[axis]).map(f64::from);
+            for step in steps(axis.index()) {
+                let height = at_mm - (center[axis.index()] + step * bounds[axis.index()]);
                 let Some((aside, figure)) = figure_of(&solids, grain, [u, v, axis.index()], height) else {
                     continue;
                 };
-                for du in shifts {
-                    for dv in shifts {
+                for du in steps(u) {
+                    for dv in steps(v) {
                         let moved = [center[u] + du * bounds[u], center[v] + dv * bounds[v]];
                         let center_mm = [moved[0] + aside[0], moved[1] + aside[1]];
                         cut.push(center_mm, figure.clone(), grain, solids.equivalent_diameter(grain));

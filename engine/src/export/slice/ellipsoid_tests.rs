@@ -139,6 +139,22 @@ fn cuts_of_ellipsoids_add_up_to_the_volume() {
     }
 }
 
+/// A needle that is longer than an edge of its periodic box, turned so that it stays clear of its own images.
+#[test]
+fn cuts_of_a_grain_longer_than_an_edge_add_up_to_its_volume() {
+    let specimen = Specimen::Box { size_mm: [3.0, 30.0, 30.0], boundary: Boundary::Periodic };
+    let grains = one([1.0, 15.0, 15.0], [11.0, 1.0, 1.0], [0.0, 0.0, std::f64::consts::FRAC_PI_3]);
+    let model = Model::new(&specimen, &grains);
+    let volume = 4.0 / 3.0 * std::f64::consts::PI * 11.0;
+    for axis in Axis::ALL {
+        const CUTS: usize = 1000;
+        let step = specimen.bounds_mm()[axis.index()] / CUTS as f64;
+        let area = |i: usize| Cut::new(&model, axis, (i as f64 + 0.5) * step).unwrap().aggregate_area_mm2();
+        let sum: f64 = (0..CUTS).map(|i| area(i) * step).sum();
+        assert!((sum / volume - 1.0).abs() < 2e-4, "{axis:?}: {sum} {volume}");
+    }
+}
+
 #[test]
 fn the_grey_of_a_picture_of_ellipses_is_their_area_fraction() {
     for specimen in specimens() {

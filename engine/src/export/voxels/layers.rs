@@ -8,6 +8,7 @@ use std::ops::Range;
 use crate::arrays::Each as _;
 use crate::export::Model;
 use crate::export::solids::{Aim, Section, Sectioned};
+use crate::geometry::images::Images;
 use crate::memory::{OutOfMemory, make_room, refill, reserved};
 
 use super::VoxelGrid;
@@ -22,7 +23,7 @@ struct Body {
     high: f64,
     grain: u32,
     /// Boxes that the image is away.
-    shift: [i8; 3],
+    steps: [i32; 3],
 }
 
 /// The bodies of a packing, the lowest first.
@@ -77,31 +78,18 @@ impl<'a> Bodies<'a> {
     ) -> Result<Self, OutOfMemory> {
         let bounds = model.specimen.bounds_mm();
         let mut sorted = reserved(solids.len())?;
-        let shifts: &[i8] = if model.specimen.is_periodic() { &[-1, 0, 1] } else { &[0] };
+        let images = Images::new(model.specimen);
         for grain in 0..solids.len() {
             let (center, half) = (solids.center(grain), solids.half_extents(grain));
-            let reaches = |axis: usize, shift: i8| {
-                let at = center[axis] + f64::from(shift) * bounds[axis];
-                at + half[axis] > 0.0 && at - half[axis] < bounds[axis]
-            };
-            for &x in shifts.iter().filter(|shift| reaches(0, **shift)) {
-                for &y in shifts.iter().filter(|shift| reaches(1, **shift)) {
-                    for &z in shifts.iter().filter(|shift| reaches(2, **shift)) {
-                        let low = center[2] + f64::from(z) * bounds[2] - half[2];
-                        make_room(&mut sorted, 1)?;
-                        sorted.push(Body {
-                            low,
-                            high: low + 2.0 * half[2],
-                            grain: grain as u32,
-                            shift: [x, y, z],
-                        });
-                    }
-                }
+            for image in images.meeting_box(center, half) {
+                let low = center[2] + f64::from(image.steps[2]) * bounds[2] - half[2];
+                make_room(&mut sorted, 1)?;
+                sorted.push(Body { low, high: low + 2.0 * half[2], grain: grain as u32, steps: image.steps });
             }
         }
         // Where grains overlap by a digit of rounding, the later one has the voxel: of equal heights the first grain.
         sorted.sort_unstable_by(|a: &Body, b: &Body| {
-            a.low.total_cmp(&b.low).then(b.grain.cmp(&a.grain)).then(b.shift.cmp(&a.shift))
+            a.low.total_cmp(&b.low).then(b.grain.cmp(&a.grain)).then(b.steps.cmp(&a.steps))
         });
         Ok(Self { solids, grid, bounds, sorted })
     }
@@ -109,8 +97,8 @@ impl<'a> Bodies<'a> {
     fn activated(&self, body: &Body) -> Active {
         let grain = body.grain as usize;
         let mut center = self.solids.center(grain);
-        for ((x, shift), length) in center.iter_mut().zip(body.shift).zip(self.bounds) {
-            *x += f64::from(shift) * length;
+        for ((x, steps), length) in center.iter_mut().zip(body.steps).zip(self.bounds) {
+            *x += f64::from(steps) * length;
         }
         let half_y = (self.solids.half_extents(grain)[1] * 1.001) as f32;
         Active { center, low: body.low, high: body.high, grain: body.grain, half_y }

@@ -2,14 +2,16 @@
 
 #![allow(clippy::unwrap_used)]
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::json;
 
 use super::tests::written;
 use super::*;
 use crate::export::polyhedra_samples::{mixed, packed};
 use crate::geometry::convex::{Convex, Place};
+use crate::packing::Solids;
 use crate::request::Boundary;
+use crate::shape::{Ellipsoid, Pose};
 
 /// Voxels have the label of the grain that their centre lies in, and the volume is that of Steiner's formula.
 #[test]
@@ -83,4 +85,21 @@ fn voxels_of_ellipsoids_and_polyhedra_have_their_volume() {
         assert!(error.abs() < 2e-3, "{error}");
         assert_eq!(report.grains_without_voxel, 0);
     }
+}
+
+/// A needle that is longer than an edge of its periodic box, turned so that it stays clear of its own images.
+#[test]
+fn voxels_of_a_grain_longer_than_an_edge_have_its_volume() {
+    let specimen = Specimen::Box { size_mm: [3.0, 30.0, 30.0], boundary: Boundary::Periodic };
+    let orientation = UnitQuaternion::from_euler_angles(0.0, 0.0, std::f64::consts::FRAC_PI_3);
+    let grains = Solids::of_ellipsoids(
+        vec![Ellipsoid::new([11.0, 1.0, 1.0]).unwrap()],
+        vec![Pose { center_mm: Vector3::new(1.0, 15.0, 15.0), orientation }],
+    );
+    let (report, bytes) =
+        written(&Model::new(&specimen, &grains), VoxelFormat::Raw, &json!({"label": "phase", "cells": 300}));
+    let inside = bytes.iter().filter(|label| **label == 1).count() as f64;
+    let volume = inside * report.spacing_mm.iter().product::<f64>();
+    let exact = 4.0 / 3.0 * std::f64::consts::PI * 11.0;
+    assert!((volume / exact - 1.0).abs() < 5e-3, "{volume} {exact}");
 }
