@@ -128,8 +128,11 @@ export const quantity = (value, unit, digits) =>
  * @param {number | null | undefined} share
  * @param {number} [decimals]
  */
-export const percent = (share, decimals = 0) =>
-  share === null || share === undefined ? "\u2013" : `${(100 * share).toFixed(decimals)}${THIN}%`;
+export function percent(share, decimals = 0) {
+  if (share === null || share === undefined) return "\u2013";
+  // What rounds to zero has no sign.
+  return `${(100 * share).toFixed(decimals).replace(/^-(?=[0.]*$)/, "")}${THIN}%`;
+}
 
 /**
  * A time span in s, min, h or d.

@@ -10,7 +10,7 @@ use std::time::Instant;
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::gap::grain::ConvexShape;
 use packstone_engine::methods::monte_carlo::{Limits, MonteCarlo, Outcome};
-use packstone_engine::methods::rsa_shapes::ShapeRsa;
+use packstone_engine::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::request::{Boundary, Distance, Specimen};
 use packstone_engine::shape::polyhedron::PlatonicSolid;
@@ -87,6 +87,7 @@ fn added<S: ConvexShape>(name: &str, published: &str, shape: S, grains: usize, s
             specimen: &specimen,
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
             attempts_per_grain: Some(attempts),
+            attempts_in: AttemptsIn::Specimen,
             orientation: &uniform_orientation,
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);

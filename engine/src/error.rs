@@ -109,7 +109,7 @@ impl std::fmt::Display for InsertionFailed {
         } else {
             write!(
                 f,
-                "no place found for a grain of {:.4} mm in {} attempts",
+                "no place found for a grain of {:.4} mm in {} attempts; it is not proven that there is none",
                 self.diameter_mm, self.attempts
             )?;
         }
@@ -197,6 +197,9 @@ impl std::fmt::Display for GrowthStopped {
             GrowthEnd::Finished => {
                 write!(f, "it was to finish, and no scale of the sizes keeps the distance")?
             }
+            GrowthEnd::NoStart => {
+                write!(f, "random addition found no start, with grains of any smaller size; {less}")?;
+            }
         }
         if self.volume_fraction_reached > 0.0 {
             write!(f, "; on_limit \"keep\" keeps the packing that was reached")?;
@@ -211,6 +214,30 @@ impl std::fmt::Display for GrowthStopped {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_grain_without_a_place_is_said_to_be_proven_so_or_not() {
+        let said = |saturation_proven: bool| {
+            let failed = InsertionFailed {
+                placed: 0,
+                grains: 1,
+                diameter_mm: 5.0,
+                volume_fraction_reached: 0.0,
+                volume_fraction_asked: 0.25,
+                saturation_proven,
+                attempts: 20_000_000,
+                is_list: false,
+            };
+            failed.to_string()
+        };
+        let start = "placed 0 of 1 grains (volume fraction 0.0000 of 0.2500): ";
+        let proven = format!("{start}it is proven that no place is left for a grain of 5.0000 mm");
+        assert!(said(true).starts_with(&proven), "{}", said(true));
+        let open = format!(
+            "{start}no place found for a grain of 5.0000 mm in 20000000 attempts; it is not proven that there is none"
+        );
+        assert!(said(false).starts_with(&open), "{}", said(false));
+    }
 
     #[test]
     fn growth_that_ended_early_says_how_far_it_came_and_what_to_change() {
@@ -237,6 +264,15 @@ mod tests {
             end: GrowthEnd::TimeLimit,
             ..not_grown
         };
+        let no_start = GrowthStopped {
+            volume_fraction_reached: 0.0,
+            scale_reached: 0.0,
+            effort: GrowthEffort::Events { events: 0, simulated_time_s: 0.0 },
+            end: GrowthEnd::NoStart,
+            ..limited.clone()
+        };
+        let said = no_start.to_string();
+        assert!(said.contains("random addition found no start, with grains of any smaller size"), "{said}");
         let said = limited.to_string();
         assert!(said.contains("distance 0.9200 of 1.0000 mm"), "{said}");
         assert!(said.contains("raise stop.time_s, or lower the volume fraction or the distance;"), "{said}");

@@ -9,7 +9,7 @@ use std::process::Command;
 use packstone_engine::export::mesh::{SurfaceOptions, geo, msh, stl};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{Model, Provenance};
-use packstone_engine::methods::rsa_shapes::ShapeRsa;
+use packstone_engine::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use packstone_engine::mix::uniform_orientation;
 use packstone_engine::packing::GrainsRef;
 use packstone_engine::request::{Boundary, Distance, Specimen};
@@ -115,6 +115,7 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Solids {
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;

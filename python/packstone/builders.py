@@ -387,7 +387,10 @@ class Method(_Fields):
 
     @classmethod
     def rsa(cls, *, attempts_per_grain: int | None = None) -> Method:
-        """Random sequential addition. Without `attempts_per_grain` the search is exhaustive."""
+        """Random sequential addition. Without `attempts_per_grain` the search is exhaustive.
+
+        Grains that are no spheres end it after 20 000 000 draws, also where it is not proven that no place is left.
+        """
         return cls(type="rsa", attempts_per_grain=attempts_per_grain)
 
     @classmethod

@@ -132,7 +132,8 @@ pub enum Fault {
     },
     /// Two grains are too close.
     #[error(
-        "grains {first} and {second} are {clearance_mm:e} mm apart: their rule asks for {required_mm} mm"
+        "grains {first} and {second} are {:e} mm apart: their rule asks for {required_mm} mm",
+        .clearance_mm + 0.0
     )]
     Pair {
         /// Row of one grain.
@@ -145,7 +146,7 @@ pub enum Fault {
         required_mm: f64,
     },
     /// A grain is too close to a wall, or beyond it.
-    #[error("grain {grain} is {clearance_mm:e} mm from a wall: its rule asks for {required_mm} mm")]
+    #[error("grain {grain} is {:e} mm from a wall: its rule asks for {required_mm} mm", .clearance_mm + 0.0)]
     Wall {
         /// Row of the grain.
         grain: usize,

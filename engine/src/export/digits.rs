@@ -112,9 +112,18 @@ fn exponent_of(a: f64) -> i32 {
     exponent + i32::from(at_next)
 }
 
-/// Appends a number with as many digits as it takes to read it back exactly.
+/// Appends a number with as many digits as it takes to read it back exactly; zero without a sign.
 pub(super) fn push_exact(text: &mut Vec<u8>, x: f64) {
-    text.extend_from_slice(zmij::Buffer::new().format_finite(x).as_bytes());
+    text.extend_from_slice(zmij::Buffer::new().format_finite(x + 0.0).as_bytes());
+}
+
+/// A number with so many decimals; what rounds to zero has no sign.
+pub(super) fn fixed(x: f64, decimals: usize) -> String {
+    let text = format!("{x:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(digits) if digits.bytes().all(|c| c == b'0' || c == b'.') => digits.to_owned(),
+        _ => text,
+    }
 }
 
 /// Appends a whole number.
@@ -155,6 +164,23 @@ mod tests {
         let mut text = Vec::new();
         push_number(&mut text, x);
         String::from_utf8(text).unwrap()
+    }
+
+    #[test]
+    fn zero_has_no_sign() {
+        for (x, decimals, expected) in [
+            (-0.0, 4, "0.0000"),
+            (-0.000_04, 4, "0.0000"),
+            (-0.000_06, 4, "-0.0001"),
+            (-0.4, 0, "0"),
+            (-12.5, 1, "-12.5"),
+            (0.04, 1, "0.0"),
+        ] {
+            assert_eq!(fixed(x, decimals), expected);
+        }
+        let mut text = Vec::new();
+        push_exact(&mut text, -0.0);
+        assert_eq!(text, b"0.0");
     }
 
     #[test]

@@ -318,6 +318,37 @@ fn the_reach_is_exact() {
     }
 }
 
+/// Centres so near the short axis of the section, or its long axis, that the sum with a squared semi-axis does not show
+/// the offset: the reach is that of a centre on the axis, in closed form, and no wall is passed over.
+#[test]
+fn a_centre_nearly_on_an_axis_of_the_section_is_kept_from_the_wall() {
+    let shape = ellipsoid([5.0, 4.0, 3.0]);
+    // Across the axis along z: semi-axes 5 along x and 3 along y.
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), PI / 2.0);
+    let turned =
+        |center_mm: [f64; 3]| Body::new(&shape, &Pose { center_mm: center_mm.into(), orientation: turn });
+    let specimen = Specimen::Cylinder { diameter_mm: 10.0, height_mm: 40.0 };
+    for tiny in [0.0, 5e-324, 1e-300, 1e-200, 1e-30, 1e-17, 1e-16, 3e-16, 1e-15, 1e-12] {
+        for (y, sign) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (0.5, 1.0)] {
+            // On the short axis at y: the farthest point has cos² = 1 - (3 y / 16)², and the square of its distance
+            // is 25 + y² + 9 y² / 16.
+            let reach = turned([sign * tiny, y, 0.0]).reach_from_axis_mm([0.0, 0.0]);
+            let expected: f64 = (25.0 + y * y * (1.0 + 9.0 / 16.0)).sqrt();
+            assert!((reach - expected).abs() < 2e-12 * expected, "{tiny} {y}: {reach} {expected}");
+            // On the long axis at y.
+            let reach = turned([y, sign * tiny, 0.0]).reach_from_axis_mm([0.0, 0.0]);
+            assert!((reach - 5.0 - y.abs()).abs() < 2e-12 * reach, "{tiny} {y}: {reach}");
+            let body = turned([5.0 + sign * tiny, 5.0 + y, 20.0]);
+            let gap = body.wall_gap_mm(&specimen);
+            assert!((gap - (5.0 - expected)).abs() < 1e-11, "{tiny} {y}: {gap}");
+            assert!(body.reach_direction([5.0, 5.0]).iter().all(|x| x.is_finite()));
+        }
+    }
+    // A circle, and a centre in its middle.
+    let ball = Body::new(&ellipsoid([2.0; 3]), &Pose::at(Vector3::new(1e-17, -1e-18, 0.0)));
+    assert!((ball.reach_from_axis_mm([0.0, 0.0]) - 2.0).abs() < 1e-15);
+}
+
 properties! {
     #[test]
     fn every_direction_is_a_lower_bound(

@@ -28,15 +28,22 @@ pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, specimen: &Specimen) 
     let between = |axis: usize, length_mm: f64| between_planes_mm(center_mm, grain, axis, length_mm);
     match *specimen {
         Specimen::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
-        Specimen::Box { size_mm, .. } => {
-            (0..3).map(|axis| between(axis, size_mm[axis])).fold(f64::INFINITY, f64::min)
+        Specimen::Box { size_mm: [x, y, z], .. } => {
+            smaller(smaller(between(0, x), between(1, y)), between(2, z))
         }
         Specimen::Cylinder { diameter_mm, height_mm } => {
             let radius = diameter_mm / 2.0;
             let reach = grain.reach_across_mm([center_mm[0] - radius, center_mm[1] - radius]).0;
-            (radius - reach).min(between(2, height_mm))
+            smaller(radius - reach, between(2, height_mm))
         }
     }
+}
+
+/// The smaller of two distances. A distance that is no number is less than all: it proves nothing, and must not be
+/// passed over as [`f64::min`] does.
+#[inline(always)]
+fn smaller(a: f64, b: f64) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NEG_INFINITY } else { a.min(b) }
 }
 
 /// Smaller distance of a grain in mm to the planes at 0 and at a length along an axis.
@@ -46,7 +53,7 @@ pub fn between_planes_mm(center_mm: Vector, grain: &impl Turned, axis: usize, le
     let mut n = [0.0; 3];
     n[axis] = 1.0;
     let [to_low, to_high] = [grain.support_back_mm(n), grain.support_mm(n)];
-    (center_mm[axis] - to_low).min(length_mm - center_mm[axis] - to_high)
+    smaller(center_mm[axis] - to_low, length_mm - center_mm[axis] - to_high)
 }
 
 /// Of an ellipsoid by its shape matrix, with its centre at this offset from an axis along z: distance of the farthest
@@ -64,12 +71,16 @@ pub(super) fn farthest_of_ellipsoid(matrix_mm2: &Symmetric, from_axis_mm: [f64; 
     let first = if length > 0.0 { [first[0] / length, first[1] / length] } else { [1.0, 0.0] };
     let second = [-first[1], first[0]];
     let along = [c[0] * first[0] + c[1] * first[1], c[0] * second[0] + c[1] * second[1]];
-    // Weights of the constraint |v| = 1, which holds at the root of 1 / |v(t)| = 1; it is met from below.
-    let w: [f64; ACROSS] = arrays::from_fn(|i| e[i].sqrt() * along[i].abs());
+    // Weights of the constraint |v| = 1, which holds at the root of 1 / |v(t)| = 1; it is met from below. One that the
+    // sum with its squared semi-axis does not show counts as none: `e_i + w_i` is no `t` above `e_i` then. It adds
+    // `t - e_i + w_i² / (t - e_i)` to D, which is `2 w_i` at that `t`.
+    let weights: [f64; ACROSS] = arrays::from_fn(|i| e[i].sqrt() * along[i].abs());
+    let w: [f64; ACROSS] = arrays::from_fn(|i| if e[i] + weights[i] > e[i] { weights[i] } else { 0.0 });
+    let left_out: f64 = (0..ACROSS).map(|i| 2.0 * (weights[i] - w[i])).sum();
     let mut t = (e[0] + w[0]).max(e[1] + w[1]);
     let value = |t: f64| {
         let part = |i: usize| if w[i] > 0.0 { w[i] * w[i] / (t - e[i]) } else { 0.0 };
-        along[0] * along[0] + along[1] * along[1] + t + part(0) + part(1)
+        along[0] * along[0] + along[1] * along[1] + t + part(0) + part(1) + left_out
     };
     let mut least = value(t);
     for _ in 0..MOST_STEPS {
@@ -82,10 +93,12 @@ pub(super) fn farthest_of_ellipsoid(matrix_mm2: &Symmetric, from_axis_mm: [f64; 
         }
         t += norm2 * (norm2.sqrt() - 1.0) / slope;
         let next = value(t);
-        if next >= least {
+        // Not where it is no number.
+        if next < least {
+            least = next;
+        } else {
             break;
         }
-        least = next;
     }
     // The point: v_1 takes what is left where the centre lies on the short axis.
     let v_1 = if w[1] > 0.0 { (w[1] / (t - e[1])).min(1.0) } else { 0.0 };

@@ -47,17 +47,46 @@ fn best_separation(a: (&Ellipsoid, &Pose), b: (&Ellipsoid, &Pose), r: Vector3<f6
 
 /// Fails unless all gaps are kept.
 pub(super) fn assert_valid(specimen: &Specimen, rule: &DistanceRule, shapes: &[Ellipsoid], poses: &[Pose]) {
+    assert_eq!(violation(specimen, rule, shapes, poses), None);
+}
+
+/// Whether all gaps are kept.
+pub(super) fn is_valid(
+    specimen: &Specimen,
+    rule: &DistanceRule,
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+) -> bool {
+    violation(specimen, rule, shapes, poses).is_none()
+}
+
+/// The first gap that is not kept, in words.
+fn violation(
+    specimen: &Specimen,
+    rule: &DistanceRule,
+    shapes: &[Ellipsoid],
+    poses: &[Pose],
+) -> Option<String> {
     let bounds = specimen.bounds_mm();
-    let images: Vec<Vector3<f64>> = (0..27)
-        .map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(f64::from))
+    let longest = shapes.iter().map(|shape| shape.semi_axes_mm().x).fold(0.0, f64::max);
+    let widest = shapes.iter().map(Ellipsoid::equivalent_diameter_mm).fold(0.0, f64::max);
+    let reach = 2.0 * longest + rule.gap_mm(widest, widest);
+    // Grains may be longer than an edge.
+    let steps = |axis: usize| {
+        let most = if specimen.is_periodic() { (reach / bounds[axis]) as i32 + 1 } else { 0 };
+        -most..=most
+    };
+    let images: Vec<Vector3<f64>> = steps(0)
+        .flat_map(|x| steps(1).flat_map(move |y| steps(2).map(move |z| [x, y, z].map(f64::from))))
         .map(|[x, y, z]| Vector3::new(x * bounds[0], y * bounds[1], z * bounds[2]))
-        .filter(|shift| specimen.is_periodic() || shift.norm() == 0.0)
         .collect();
     for (i, a) in poses.iter().enumerate() {
         let shape = &shapes[i];
         let d_i = shape.equivalent_diameter_mm();
         let wall = Body::new(shape, a).wall_gap_mm(specimen);
-        assert!(wall >= rule.wall_gap_mm(d_i), "{wall}");
+        if wall < rule.wall_gap_mm(d_i) {
+            return Some(format!("{i}: {wall} from a wall"));
+        }
         for (j, b) in poses.iter().enumerate().skip(i) {
             let other = &shapes[j];
             let gap_mm = rule.gap_mm(d_i, other.equivalent_diameter_mm());
@@ -68,8 +97,11 @@ pub(super) fn assert_valid(specimen: &Specimen, rule: &DistanceRule, shapes: &[E
                     continue;
                 }
                 let s = best_separation((shape, a), (other, b), r, gap_mm);
-                assert!(s >= gap_mm, "{i} {j}: {s} {gap_mm}");
+                if s < gap_mm {
+                    return Some(format!("{i} {j}: {s} {gap_mm}"));
+                }
             }
         }
     }
+    None
 }

@@ -10,6 +10,10 @@ mod bins;
 mod brute_force_tests;
 mod choice;
 pub mod edmd;
+mod image_names;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod long_grains_tests;
 pub mod monte_carlo;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use super::monte_carlo::{self, Limits, MonteCarlo, Statistics};
 use super::rsa::End;
-use super::rsa_shapes::ShapeRsa;
+use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::check::certify_shapes;
 use crate::control::{Control, Progress, Unattended};
 use crate::cpu::tests::on_baseline;
@@ -90,6 +90,7 @@ fn rsa<'a>(
         specimen,
         rule: rule(distance, specimen),
         attempts_per_grain: Some(3_000_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     }
 }
@@ -233,10 +234,9 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
     let textbook = |rng: &mut Xoshiro256PlusPlus| {
         let (mut poses, mut attempts): (Vec<Pose>, u64) = (Vec::new(), 0);
         for (i, shape) in polyhedra.iter().enumerate() {
-            let inner = shape.template.inner_radius() * shape.scale_mm;
             loop {
                 attempts += 1;
-                let center_mm = Vector3::from_fn(|_, _| inner + (10.0 - 2.0 * inner) * uniform(rng));
+                let center_mm = Vector3::from_fn(|_, _| 10.0 * uniform(rng));
                 let pose = Pose { center_mm, orientation: uniform_orientation(rng) };
                 let is_inside = |v: Vector3<f64>| v.iter().all(|x| (0.0..=10.0).contains(x));
                 let body = Body::new(shape.template, shape.scale_mm, &pose);

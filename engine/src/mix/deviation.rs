@@ -161,7 +161,8 @@ pub(crate) fn aggregate_warning(aggregates: &[AggregateReport]) -> Option<String
 /// A number with three significant figures.
 fn figures(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
-        return value.to_string();
+        // Zero has no sign here.
+        return (value + 0.0).to_string();
     }
     let magnitude = log10(value.abs()).floor() as i32;
     if magnitude < -4 {

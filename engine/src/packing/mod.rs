@@ -413,6 +413,8 @@ pub enum GrowthEnd {
     SweepLimit,
     /// A request to finish with what was reached, or the time limit of the job.
     Finished,
+    /// Random addition found no start: none of 60 tries, each with smaller grains, had a place for all.
+    NoStart,
 }
 
 /// What hard-particle Monte Carlo counted, over all parts of a run that was interrupted.

@@ -469,6 +469,11 @@ fn unlikely(case: &Case<'_>, likely: &MethodEstimate) -> Option<String> {
 pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix) -> Vec<String> {
     let grains = mix.expected_grains();
     let mut warnings = Vec::new();
+    if let (true, Some(wall_gap_mm)) = (request.specimen.is_periodic(), request.distance.wall_gap_mm()) {
+        warnings.push(format!(
+            "distance.wall_gap_mm, {wall_gap_mm} mm, has no effect: a periodic box has no walls"
+        ));
+    }
     if mix.list.is_none() && grains < 10.0 {
         warnings.push(format!("about {grains:.1} grains: too few to follow the grading curve"));
     }

@@ -6,6 +6,8 @@
 //! 37 corners, stretched by the same ratios, in the same cube, which they pack to 0.57 and 0.68. Other mixes are taken
 //! to reach no more, and no more than spheres of their sizes.
 
+use std::cell::Cell;
+
 use super::estimate::{MethodEstimate, MethodEstimates};
 use super::invalid;
 use super::model::LIKELY;
@@ -144,7 +146,7 @@ pub(super) fn check_largest(
         parts.push(0);
     }
     let polyhedron_fits = |grain: &ScaledPolyhedron<'_>| may_fit(grain, sieve_mm, specimen, rule);
-    if parts.into_iter().all(|part| shapes.any(part, size, ellipsoid_fits, polyhedron_fits)) {
+    if parts.iter().all(|&part| shapes.any(part, size, ellipsoid_fits, polyhedron_fits)) {
         return Ok(());
     }
     let (pointer, length) = match request.specimen {
@@ -161,10 +163,45 @@ pub(super) fn check_largest(
         SizeMeasure::Sieve => "sieve size",
         SizeMeasure::Equivalent => "equivalent diameter",
     };
-    let detail = format!(
-        "{length} mm is too small: no grain of the largest {measure}, {size} mm, fits with its distances, and one must"
-    );
+    let detail = if specimen.is_periodic() {
+        let least_of = |part: u16| {
+            let least = Cell::new(f64::INFINITY);
+            let note = |needed_mm: f64| {
+                least.set(least.get().min(needed_mm));
+                // All are looked at.
+                false
+            };
+            let ellipsoid = |grain: &Ellipsoid| note(thinnest_mm(grain, rule));
+            let polyhedron = |grain: &ScaledPolyhedron<'_>| note(thinnest_of_polyhedron_mm(grain, rule));
+            shapes.any(part, size, ellipsoid, polyhedron);
+            least.get()
+        };
+        let least_mm = parts.iter().map(|&part| least_of(part)).fold(0.0, f64::max);
+        // Rounded up, so that the bound can be taken as it is.
+        let bound = (least_mm * 1.0e4).ceil() / 1.0e4;
+        format!(
+            "{length} mm is too small: every grain of the largest {measure}, {size} mm, meets its own image, however it \
+             is turned: must be at least {bound} mm"
+        )
+    } else {
+        format!(
+            "{length} mm is too small: no grain of the largest {measure}, {size} mm, fits with its distances, and one \
+             must"
+        )
+    };
     Err(invalid(&pointer, detail))
+}
+
+/// The thickness of an ellipsoid and its gap: the least distance of two that lie side by side.
+fn thinnest_mm(grain: &Ellipsoid, rule: &DistanceRule) -> f64 {
+    let d = grain.equivalent_diameter_mm();
+    2.0 * grain.semi_axes_mm().z + rule.gap_mm(d, d)
+}
+
+/// The diameter of the inscribed sphere of a polyhedron and its gap: two are never closer side by side.
+fn thinnest_of_polyhedron_mm(grain: &ScaledPolyhedron<'_>, rule: &DistanceRule) -> f64 {
+    let d = grain.equivalent_diameter_mm();
+    2.0 * grain.template.inner_radius() * grain.scale_mm + rule.gap_mm(d, d)
 }
 
 /// Whether an ellipsoid fits into a specimen in some orientation. Exact for a box with walls; elsewhere `true` may be
@@ -176,7 +213,7 @@ fn fits(grain: &Ellipsoid, specimen: &Specimen, rule: &DistanceRule) -> bool {
     match *specimen {
         // From its own image it keeps a gap along every edge.
         Specimen::Box { size_mm, .. } if specimen.is_periodic() => {
-            size_mm.iter().all(|length| 2.0 * c + rule.gap_mm(d, d) <= *length)
+            size_mm.iter().all(|length| thinnest_mm(grain, rule) <= *length)
         }
         // The squared half-widths of the box around a turned ellipsoid are the diagonal of a matrix with the
         // eigenvalues a², b², c²: all that these majorize (Schur and Horn).
@@ -209,7 +246,7 @@ fn may_fit(
     let walls = 2.0 * rule.wall_gap_mm(d);
     match *specimen {
         Specimen::Box { size_mm, .. } if specimen.is_periodic() => {
-            size_mm.into_iter().all(|length| thin(length - rule.gap_mm(d, d)))
+            size_mm.into_iter().all(|length| thinnest_of_polyhedron_mm(grain, rule) <= length)
         }
         Specimen::Box { size_mm, .. } => {
             let mut room = size_mm.map(|length| (length - walls) * (1.0 + ROUNDING));

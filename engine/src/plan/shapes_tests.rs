@@ -143,6 +143,38 @@ fn a_box_holds_a_grain_if_some_turn_of_it_does() {
     assert!(one([16.0, 15.0, 7.0]).is_ok());
 }
 
+/// Refused is only what meets its own image in every orientation, with the least edge that is not refused.
+#[test]
+fn a_periodic_box_may_be_shorter_than_a_grain_but_not_than_its_thickness() {
+    let one = |edge: f64, shape: Value, gap_mm: f64| {
+        let mix = json!({"grading": {"type": "diameters", "diameters_mm": [10]}, "size": "equivalent",
+            "shape": shape});
+        let value = json!({"specimen": {"type": "box", "size_mm": [60, edge, 60], "boundary": "periodic"},
+            "mix": mix, "distance": {"type": "constant", "gap_mm": gap_mm}});
+        plan(&PackingRequest::from_json(&value, 1).unwrap())
+    };
+    let cube = json!({"type": "polyhedron", "template": "cube"});
+    // Semi-axes 10, 5 and 2.5 mm. A cube of the volume of the sphere has this edge, which is its thickness.
+    let edge = 10.0 * (std::f64::consts::PI / 6.0).cbrt();
+    for (shape, thickness) in
+        [(ellipsoids([4.0, 2.0, 1.0]), 5.0), (ellipsoids([1.0, 1.0, 1.0]), 10.0), (cube, edge)]
+    {
+        for gap_mm in [0.0, 0.75] {
+            let needed = thickness + gap_mm;
+            assert!(one(needed + 2e-4, shape.clone(), gap_mm).is_ok(), "{shape} {gap_mm}");
+            let Err(PlanError::Invalid(faults)) = one(needed - 1e-3, shape.clone(), gap_mm) else {
+                panic!("{shape} accepted")
+            };
+            assert_eq!(faults[0].pointer, "/specimen/size_mm/1");
+            let (said, bound) = faults[0].detail.split_once("must be at least ").unwrap();
+            assert!(said.contains("meets its own image, however it is turned"), "{said}");
+            let bound: f64 = bound.trim_end_matches(" mm").parse().unwrap();
+            assert!((needed - 1e-12..needed + 1.1e-4).contains(&bound), "{bound} {needed}");
+            assert!(one(bound, shape.clone(), gap_mm).is_ok(), "{bound}");
+        }
+    }
+}
+
 #[test]
 fn a_coarse_mix_is_judged_by_the_least_volume() {
     let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 10}, "volume_fraction": 1e-4, "shape": ellipsoids([2.0, 1.0, 1.0])});

@@ -26,6 +26,31 @@ fn a_plan_states_the_known_figures() {
 }
 
 #[test]
+fn a_distance_to_walls_that_are_none_is_a_warning() {
+    for distance in [
+        json!({"type": "none", "wall_gap_mm": 0}),
+        json!({"type": "constant", "gap_mm": 0.5, "wall_gap_mm": 1.5}),
+        json!({"type": "proportional", "factor": 0.01, "wall_gap_mm": 1.5}),
+        json!({"type": "smaller_diameter", "factor": 0.01, "wall_gap_mm": 1.5}),
+        json!({"type": "maximize", "wall_gap_mm": 1.5}),
+    ] {
+        let mut value = box_of(150.0, &standard("A16", 4.0, 0.3), &distance);
+        value["method"] = json!({"type": "edmd"});
+        let warned = |value: &Value| {
+            let warnings = plan(value).unwrap().warnings;
+            warnings.iter().any(|w| w.ends_with("has no effect: a periodic box has no walls"))
+        };
+        assert!(!warned(&value), "{distance}");
+        value["specimen"]["boundary"] = json!("periodic");
+        assert!(warned(&value), "{distance}");
+        if let Some(distance) = value["distance"].as_object_mut() {
+            distance.remove("wall_gap_mm");
+        }
+        assert!(!warned(&value), "{distance}");
+    }
+}
+
+#[test]
 fn coating_counts_the_distance() {
     // The paper's 6.3: phi_M 0.535 with 1 mm is 0.693 with the coating.
     let plan = plan(&box_of(80.0, &standard("A16", 2.0, 0.535), &json!({"type": "constant", "gap_mm": 1.0})))

@@ -429,6 +429,20 @@ pub enum Distance {
     },
 }
 
+impl Distance {
+    /// The distance to the walls in mm that replaces the default of the rule.
+    #[must_use]
+    pub fn wall_gap_mm(&self) -> Option<f64> {
+        match *self {
+            Self::None { wall_gap_mm }
+            | Self::Constant { wall_gap_mm, .. }
+            | Self::Proportional { wall_gap_mm, .. }
+            | Self::SmallerDiameter { wall_gap_mm, .. }
+            | Self::Maximize { wall_gap_mm } => wall_gap_mm,
+        }
+    }
+}
+
 /// How the packing is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -439,8 +453,12 @@ pub enum Method {
     Auto {},
     /// Random sequential addition, largest grain first.
     Rsa {
-        /// Give up after so many failed attempts for one grain, as the paper does. When absent
-        /// the search is exhaustive: a grain fails only when it is proven that no place is left.
+        /// Give up after so many failed attempts for one grain, as the paper does. An attempt of a sphere is a uniform
+        /// random centre among those where the sphere keeps its distance from the walls; that of a grain of another
+        /// shape, also of a sphere among such grains, is a uniform random centre in the specimen with a random
+        /// orientation. When absent, the search is exhaustive: a grain fails when it is proven that no place is left.
+        /// Grains that are no spheres also fail after 20 000 000 draws without a proof. The failure says which of the
+        /// two it was (`saturation_proven`).
         #[cfg_attr(
             feature = "openapi",
             schema(required = false, nullable, minimum = 1, maximum = 1_000_000_000_000_u64)

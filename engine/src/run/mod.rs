@@ -7,6 +7,7 @@ mod densest;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod densest_tests;
+mod kept;
 mod partial;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -87,6 +88,7 @@ pub fn pack_or_resume(
     let run = Growing { request, plan: &plan, to_jamming: None, threads: limits.threads };
     let mut placed = run.place(&mix, sampled, resume, control)?;
     let kept = partial::sized(request, &mut placed, grains_requested)?;
+    kept::set_distance(&mut placed, &request.distance, &request.specimen)?;
     let checked = as_checked(request, placed.distance_mm);
     let times = Times { started, sampling_s };
     finished(placed, &Finishing { checked: &checked, mix: &mix, coarse, kept, times, limits }, control)
@@ -179,7 +181,7 @@ impl Growing<'_> {
             _ if self.request.on_limit == OnLimit::Fail => None,
             GrowthEnd::TimeLimit => Some(PartialReason::TimeLimit),
             GrowthEnd::EventLimit | GrowthEnd::SweepLimit => Some(PartialReason::EventLimit),
-            GrowthEnd::Stalled | GrowthEnd::Target => Some(PartialReason::Stalled),
+            GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart => Some(PartialReason::Stalled),
         }
     }
 
@@ -420,7 +422,8 @@ fn not_inserted(
 
 /// Volume of the first grains over that of the specimen, by the diameters of the spheres of equal volume.
 fn fraction_of(grains: usize, diameter_mm: impl Fn(usize) -> f64, specimen_mm3: f64) -> f64 {
-    (0..grains).map(|i| sphere_volume(diameter_mm(i))).sum::<f64>() / specimen_mm3
+    // The sum of no numbers is minus zero.
+    (0..grains).map(|i| sphere_volume(diameter_mm(i))).fold(0.0, |sum, volume| sum + volume) / specimen_mm3
 }
 
 fn not_grown(stopped: GrowthStopped) -> PackError {

@@ -10,15 +10,15 @@ use super::{
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthEffort, GrowthStopped, PackError, TargetNotReached};
+use crate::error::{GrowthEffort, GrowthStopped, PackError, PlanError, TargetNotReached};
 use crate::gap::grain::ConvexShape;
 use crate::memory::{collected, reserved};
 use crate::methods::monte_carlo::{self, Interrupted, MonteCarlo};
 use crate::methods::rsa::End;
-use crate::methods::rsa_shapes::{MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
+use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, GrowthEnd, GrowthPoint, MethodUsed, MonteCarloStatistics, Solids, Statistics};
-use crate::request::{Distance, GrainKind, Method, MonteCarloStop, OnLimit};
+use crate::request::{Distance, FieldError, GrainKind, Method, MonteCarloStop, OnLimit};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::{Pose, Solid};
@@ -100,6 +100,17 @@ fn place_shapes<S: ConvexShape>(
     resume: Option<&Resume>,
     control: &dyn Control,
 ) -> Result<(Placed, Vec<S>), PackError> {
+    let most = monte_carlo::most_grains(&job.shapes, &job.run.request.specimen, &job.rule());
+    if job.shapes.len() as u64 > most {
+        let list = job.mix.list.is_some();
+        let pointer = if list { "/mix/grading/diameters_mm" } else { "/mix/d_min_mm" };
+        let detail = format!(
+            "the mix has {} grains, some of which are longer than an edge of the periodic box: must be at most {most}, \
+             for there are many images of each",
+            job.shapes.len()
+        );
+        return Err(PlanError::TooLarge(FieldError { pointer: pointer.into(), detail }).into());
+    }
     let share = &Part::new(control, 0.0, PACKING_SHARE);
     match route(job.run) {
         // A checkpoint shows that growth had begun.
@@ -158,6 +169,7 @@ impl<S: ConvexShape> Job<'_, S> {
             specimen: &request.specimen,
             rule: self.rule(),
             attempts_per_grain,
+            attempts_in: AttemptsIn::Specimen,
             orientation: &|rng| draw_orientation(&orientation, rng),
         };
         let part = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
@@ -219,7 +231,7 @@ impl<S: ConvexShape> Job<'_, S> {
                 distance_mm_asked,
                 scale_reached: 0.0,
                 effort: GrowthEffort::Cycles { cycles: 0, moves: 0 },
-                end: GrowthEnd::Stalled,
+                end: GrowthEnd::NoStart,
                 is_list: run.is_list(),
             }),
         })?;

@@ -19,6 +19,7 @@ use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, norm, scaled};
 use crate::geometry::cells::Octaves;
+use crate::geometry::images::Images;
 use crate::memory::{OutOfMemory, collected, copied, reserved};
 use crate::packing::{Grains, Solids, Spheres};
 use crate::request::Specimen;
@@ -259,62 +260,45 @@ fn between_walls<T: Turned>(grain: &T, center: Vector, specimen: &Specimen, gap:
 }
 
 /// Pairs of grains that may touch, by the spheres around them; in a periodic box with all their images.
-struct NearPairs<'a, G> {
+pub(super) struct NearPairs<'a, G> {
     spheres: &'a Spheres,
     gap_mm: G,
     octaves: Octaves,
-    bounds_mm: [f64; 3],
-    is_periodic: bool,
+    images: Images,
     largest_mm: f64,
 }
 
 impl<'a, G: Fn(usize) -> f64> NearPairs<'a, G> {
     /// `gap_mm` is the largest gap that a grain may keep from one that is no larger.
-    fn new(spheres: &'a Spheres, specimen: &Specimen, gap_mm: G) -> Result<Self, OutOfMemory> {
+    pub(super) fn new(spheres: &'a Spheres, specimen: &Specimen, gap_mm: G) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let widest_gap_mm = (0..spheres.len()).map(&gap_mm).fold(0.0, f64::max);
         Ok(Self {
             spheres,
             octaves: Octaves::new(spheres, bounds_mm, widest_gap_mm)?,
             gap_mm,
-            bounds_mm,
-            is_periodic: specimen.is_periodic(),
+            images: Images::new(specimen),
             largest_mm: spheres.d_mm.iter().copied().fold(0.0, f64::max) + widest_gap_mm,
         })
     }
 
     /// Calls `visit` once with every pair that may touch, or two images of it: its rows and the vector from the centre
     /// of one to that of the other. A grain and its own images are pairs, too.
-    fn for_each(&self, mut visit: impl FnMut(usize, usize, Vector)) {
+    pub(super) fn for_each(&self, mut visit: impl FnMut(usize, usize, Vector)) {
         for row in 0..self.spheres.len() {
             let center = self.spheres.center(row);
             let (radius_mm, gap_mm) = (self.spheres.d_mm[row] / 2.0, (self.gap_mm)(row));
             let far_mm = radius_mm + gap_mm + self.largest_mm;
-            let shifts = |axis: usize| {
-                let (x, length) = (center[axis], self.bounds_mm[axis]);
-                let (low, high) = if self.is_periodic {
-                    (((-far_mm - x) / length).floor() as i32, ((length + far_mm - x) / length).ceil() as i32)
-                } else {
-                    (0, 0)
-                };
-                let meets =
-                    move |shift: &f64| *shift == 0.0 || x + shift > -far_mm && x + shift < length + far_mm;
-                (low..=high).map(move |step| f64::from(step) * length).filter(meets)
-            };
-            for x in shifts(0) {
-                for y in shifts(1) {
-                    for z in shifts(2) {
-                        let image = [center[0] + x, center[1] + y, center[2] + z];
-                        let is_own = x == 0.0 && y == 0.0 && z == 0.0;
-                        self.octaves.for_each_near(image, radius_mm, gap_mm, |other| {
-                            let number = other.row as usize;
-                            // Of the pair of two grains one meets the image of the other: the finer one is visited.
-                            if number > row || number == row && !is_own {
-                                visit(row, number, arrays::from_fn(|a| other.center_mm[a] - image[a]));
-                            }
-                        });
+            for image in self.images.meeting_box(center, [far_mm; 3]) {
+                let is_own = image.steps == [0; 3];
+                let image: Vector = arrays::from_fn(|a| center[a] + image.offset_mm[a]);
+                self.octaves.for_each_near(image, radius_mm, gap_mm, |other| {
+                    let number = other.row as usize;
+                    // Of the pair of two grains one meets the image of the other: the finer one is visited.
+                    if number > row || number == row && !is_own {
+                        visit(row, number, arrays::from_fn(|a| other.center_mm[a] - image[a]));
                     }
-                }
+                });
             }
         }
     }

@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use super::{
-    Growing, PACKING_SHARE, Placed, Short, distance_asked_mm, inserted, kept_insertion, not_inserted, stopped,
+    Growing, PACKING_SHARE, Placed, Short, distance_asked_mm, inserted, kept_insertion, not_grown,
+    not_inserted, stopped,
 };
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part, StopToFinish};
@@ -13,7 +14,7 @@ use crate::memory::{OutOfMemory, collected, copied};
 use crate::methods::edmd::{Edmd, Interrupted};
 use crate::methods::rsa::{End, Rsa};
 use crate::mix::{GradedMix, sphere_volume};
-use crate::packing::{Grains, MethodUsed, Spheres, Statistics};
+use crate::packing::{Grains, GrowthEnd, MethodUsed, Spheres, Statistics};
 use crate::request::{Distance, EdmdOptions, Method};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
@@ -139,6 +140,17 @@ impl Job<'_> {
         let outcome = edmd.run(resume, control).map_err(|interrupted| match interrupted {
             Interrupted::Stopped => stopped(self.diameters.len(), self.diameters.len()),
             Interrupted::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
+            Interrupted::NoStart => not_grown(GrowthStopped {
+                grains: self.diameters.len() as u64,
+                volume_fraction_reached: 0.0,
+                volume_fraction_asked: self.volume_fraction(self.diameters),
+                distance_mm_reached: None,
+                distance_mm_asked: distance_asked_mm(request),
+                scale_reached: 0.0,
+                effort: GrowthEffort::Events { events: 0, simulated_time_s: 0.0 },
+                end: GrowthEnd::NoStart,
+                is_list: self.run.is_list(),
+            }),
         })?;
         let statistics = outcome.statistics;
         let maximize = matches!(request.distance, Distance::Maximize { .. });

@@ -365,8 +365,8 @@ impl Drawn {
         }
         let is_of_spheres = matches!(self.sampled, Sampled::Spheres(_));
         let has_limit = |end: GrowthEnd| match (end, request.method) {
-            (GrowthEnd::Stalled | GrowthEnd::Target, Method::Rsa { .. }) => false,
-            (GrowthEnd::Stalled | GrowthEnd::Target, _) => true,
+            (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, Method::Rsa { .. }) => false,
+            (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, _) => true,
             (GrowthEnd::TimeLimit, Method::Edmd { options }) => options.stop.time_s.is_some(),
             (GrowthEnd::EventLimit, Method::Edmd { options }) => options.stop.events.is_some(),
             (GrowthEnd::TimeLimit, Method::MonteCarlo { stop }) => stop.time_s.is_some(),

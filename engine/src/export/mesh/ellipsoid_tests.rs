@@ -16,7 +16,7 @@ use super::*;
 use crate::distance::DistanceRule;
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::minus;
-use crate::methods::rsa_shapes::ShapeRsa;
+use crate::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::mix::uniform_orientation;
 use crate::packing::{Solids, Spheres};
 use crate::request::{Boundary, Distance};
@@ -79,6 +79,7 @@ fn packed(specimen: &Specimen, gap_mm: f64) -> Solids {
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);

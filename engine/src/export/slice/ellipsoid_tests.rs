@@ -11,7 +11,7 @@ use super::tests::{cube, decoded, read};
 use super::*;
 use crate::Unattended;
 use crate::distance::DistanceRule;
-use crate::methods::rsa_shapes::ShapeRsa;
+use crate::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::mix::uniform_orientation;
 use crate::packing::Solids;
 use crate::request::{Boundary, Distance};
@@ -39,6 +39,7 @@ fn packed(specimen: &Specimen) -> Solids {
         specimen,
         rule: DistanceRule::new(&Distance::Constant { gap_mm: 0.2, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use super::{Cut, Figure, Outline, SliceReport};
 use crate::arrays::Each as _;
 use crate::elementary::{log10, powf};
+use crate::export::digits::fixed;
 
 pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
@@ -43,24 +44,25 @@ pub(super) fn write(cut: &Cut, report: &SliceReport, out: &mut dyn Write) -> io:
     writeln!(out, r##"<g id="aggregates" fill="#a0a0a0"{clip}>"##)?;
     for section in &cut.sections {
         let (x, y) = (section.center_mm[0] - u0, v1 - section.center_mm[1]);
+        let [at_x, at_y] = [x, y].map(|x| fixed(x, decimals));
         match &section.figure {
             Figure::Circle { radius_mm: r } => {
-                writeln!(out, r#"<circle cx="{x:.decimals$}" cy="{y:.decimals$}" r="{r:.decimals$}"/>"#)?;
+                writeln!(out, r#"<circle cx="{at_x}" cy="{at_y}" r="{r:.decimals$}"/>"#)?;
             }
             Figure::Polygon(polygon) => {
                 let points: Vec<String> = polygon
                     .corners_mm
                     .iter()
-                    .map(|[u, v]| format!("{:.decimals$},{:.decimals$}", x + u, y - v))
+                    .map(|[u, v]| format!("{},{}", fixed(x + u, decimals), fixed(y - v, decimals)))
                     .collect();
                 writeln!(out, r#"<polygon points="{}"/>"#, points.join(" "))?;
             }
             Figure::Ellipse(ellipse) => {
                 // y points down here: what turns towards v turns the other way.
-                let ([a, b], angle) = (ellipse.semi_axes_mm, 0.0 - ellipse.angle_deg());
+                let ([a, b], angle) = (ellipse.semi_axes_mm, fixed(0.0 - ellipse.angle_deg(), 4));
                 writeln!(
                     out,
-                    r#"<ellipse cx="{x:.decimals$}" cy="{y:.decimals$}" rx="{a:.decimals$}" ry="{b:.decimals$}" transform="rotate({angle:.4} {x:.decimals$} {y:.decimals$})"/>"#
+                    r#"<ellipse cx="{at_x}" cy="{at_y}" rx="{a:.decimals$}" ry="{b:.decimals$}" transform="rotate({angle} {at_x} {at_y})"/>"#
                 )?;
             }
         }

@@ -1,11 +1,12 @@
 //! What holds the grains: plane walls, the lateral surface of a cylinder, or the images of a periodic box.
 
 use super::contact::{rises_to_zero, used_up};
-use crate::arrays;
+use crate::arrays::{self, Each as _};
+use crate::geometry::images::Images;
 use crate::request::{Boundary, Specimen};
 
 /// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
-/// finds all of its neighbours.
+/// finds all of its neighbours: a plan refuses wider ones.
 const IMAGES_PER_AXIS: i32 = 5;
 /// Number of images.
 pub(crate) const IMAGES: usize = 125;
@@ -60,15 +61,15 @@ impl Container {
         matches!(self, Self::Periodic { .. })
     }
 
-    /// What to add to a position for each image code.
+    /// What to add to a position for each image code: the images of a reach between one and two edges.
     pub(crate) fn shifts(&self) -> [[f64; 3]; IMAGES] {
         let size = self.bounds_mm();
-        arrays::from_fn(|code| {
-            let of = |a: usize, divisor: i32| {
-                f64::from((code as i32 / divisor) % IMAGES_PER_AXIS - IMAGES_PER_AXIS / 2) * size[a]
-            };
-            [of(0, IMAGES_PER_AXIS * IMAGES_PER_AXIS), of(1, IMAGES_PER_AXIS), of(2, 1)]
-        })
+        let (middle, half) = (size.each(|length| length / 2.0), size.each(|length| 2.25 * length));
+        let mut shifts = [[0.0; 3]; IMAGES];
+        for image in Images::of_box(size, true).meeting_box(middle, half) {
+            shifts[image_code(image.steps) as usize] = image.offset_mm.into();
+        }
+        shifts
     }
 
     /// Brings a position back into the box.

@@ -116,6 +116,8 @@ pub(crate) enum Interrupted {
     Stopped,
     /// The system refused memory.
     OutOfMemory { bytes: u64 },
+    /// Random addition found no start, at any of ever smaller sizes.
+    NoStart,
 }
 
 impl From<OutOfMemory> for Interrupted {
@@ -310,7 +312,7 @@ impl Edmd<'_> {
                 rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
             }
         }
-        Err(Interrupted::Stopped)
+        Err(Interrupted::NoStart)
     }
 }
 

@@ -6,8 +6,8 @@
 //! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
-use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, normal, pack, unpack};
-use super::system::{Container, HOME, IMAGES, System, opposite};
+use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, normal};
+use super::system::{Container, System};
 use crate::arrays::Each as _;
 use crate::elementary::{cbrt, hypot, ln};
 use crate::gap::grain::{ConvexShape, Turned};
@@ -64,14 +64,15 @@ impl Lists {
         for (cold, hot) in system.cold.iter_mut().zip(&system.hot) {
             (cold.listed_center, cold.listed_orientation) = (hot.center, cold.orientation);
         }
-        self.sort(system)?;
+        let largest = self.sort(system)?;
+        system.name_images(2.0 * largest, shrink)?;
         self.find(system, shrink)?;
         (self.levels, self.level_of) = (Vec::new(), Vec::new());
         self.lay_out(system, shrink)
     }
 
-    /// Sorts the grains into levels and cells.
-    fn sort(&mut self, system: &System<impl ConvexShape>) -> Result<(), OutOfMemory> {
+    /// Sorts the grains into levels and cells; returns the largest reach.
+    fn sort(&mut self, system: &System<impl ConvexShape>) -> Result<f64, OutOfMemory> {
         let n = system.len();
         refill(&mut self.level_of, n, 0)?;
         let largest = (0..n).map(|i| self.reach(system, i)).fold(0.0, f64::max);
@@ -115,7 +116,7 @@ impl Lists {
                 *next += 1;
             }
         }
-        Ok(())
+        Ok(largest)
     }
 
     /// How far a grain reaches from its centre: radius, skin and half the gap.
@@ -130,22 +131,17 @@ impl Lists {
         self.next = Vec::new();
         let mut pairs = Blocks::default();
         refill(&mut self.ends, system.len(), 0)?;
-        let is_periodic = system.container.is_periodic();
-        let bounds = system.container.bounds().each(|length| length * system.stretch);
+        let images = system.images.scaled(system.stretch);
         for i in 0..system.len() {
             let own = usize::from(self.level_of[i]);
             let (center, own_reach) = (system.hot[i].center, self.reach(system, i));
             for (number, level) in self.levels.iter().enumerate().skip(own) {
                 // Distances are as they will be when the specimen has shrunk.
                 let reach = (own_reach + level.reach) * shrink;
-                let images = if is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
-                for image in images {
+                for steps in images.boxes_met(center, [reach; 3]) {
+                    let image = system.names.code(steps);
                     let shift = system.shift(image);
                     let seen_from = minus(center, shift);
-                    let is_beyond = |a: usize| seen_from[a] + reach < 0.0 || seen_from[a] - reach > bounds[a];
-                    if is_periodic && (0..3).any(is_beyond) {
-                        continue;
-                    }
                     let mut refused = None;
                     level.for_each_near(seen_from, reach, |j| {
                         let is_first = number > own || (j as usize) > i;
@@ -153,7 +149,7 @@ impl Lists {
                             return;
                         }
                         if self.direction(system, i, j as usize, shift, shrink).is_some() {
-                            pairs.push(pack(j as usize, image), &mut refused);
+                            pairs.push(system.names.name(j as usize, image), &mut refused);
                         }
                     });
                     if let Some(refused) = refused {
@@ -218,7 +214,7 @@ impl Lists {
             first = end;
         }
         for &pair in self.pairs.iter() {
-            self.next[unpack(pair).0] += 1;
+            self.next[system.names.read(pair).0] += 1;
         }
         let mut total = 0_usize;
         for i in 0..n {
@@ -260,7 +256,7 @@ impl Lists {
 
     /// Enters a pair with both grains and lays its first planes.
     fn lay_pair(&mut self, system: &mut System<impl ConvexShape>, i: usize, neighbor: u32, shrink: f64) {
-        let (j, image) = unpack(neighbor);
+        let (j, image) = system.names.read(neighbor);
         let Some(n) = self.direction(system, i, j, system.shift(image), shrink) else { return };
         let [at, mirror] = [i, j].each(|grain| {
             let at = self.next[grain] as usize;
@@ -272,7 +268,8 @@ impl Lists {
             system.groups[at / LANES].enter(at % LANES, neighbor, place);
         };
         put(at, neighbor, j, mirror);
-        put(mirror, pack(i, opposite(image)), i, at);
+        let mirrored = system.names.name(i, system.names.opposite(image));
+        put(mirror, mirrored, i, at);
         system.lay_first(i, at, n);
     }
 }

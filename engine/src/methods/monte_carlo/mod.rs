@@ -13,7 +13,9 @@
 // Axes and lanes are indexed in several arrays at once.
 #![allow(clippy::needless_range_loop)]
 
+mod kept;
 mod lists;
+mod own_images;
 mod planes;
 mod push;
 mod run;
@@ -31,9 +33,11 @@ use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
+use crate::geometry::images::Images;
 use crate::memory::OutOfMemory;
+use crate::methods::image_names::ImageNames;
 use crate::methods::rsa;
-use crate::methods::rsa_shapes::{MOST_DRAWS, Orientation, ShapeRsa};
+use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
@@ -41,7 +45,7 @@ use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::Pose;
 pub use planes::MAX_GRAINS;
-use run::Run;
+use run::{MOST_SKIN_OVER_D, Run};
 
 /// Grains grow to their target times this, so that the check, which rounds differently, finds no overlap.
 const BEYOND_TARGET: f64 = 1.0 + 1e-9;
@@ -60,6 +64,20 @@ const SMALLER_START: f64 = 0.95;
 const STARTS: u32 = 60;
 /// Share of a run's work that lies before the first cycle.
 const START_SHARE: f64 = 0.05;
+
+/// Most grains of these shapes that can be named beside their images: [`MAX_GRAINS`], or fewer where grains are long
+/// against a short edge of a periodic box.
+pub(crate) fn most_grains<S: ConvexShape>(shapes: &[S], specimen: &Specimen, rule: &DistanceRule) -> u64 {
+    let reach = |shape: &S| {
+        let d = shape.equivalent_diameter_mm();
+        shape.outer_mm() + MOST_SKIN_OVER_D * d + rule.gap_mm(d, d) / 2.0
+    };
+    let longest_mm = shapes.iter().map(reach).fold(0.0, f64::max);
+    // The gap that is maximized is at most an edge, and lists hold for a little more than their time.
+    let shortest_mm = specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+    let reach_mm = 2.1 * longest_mm + shortest_mm;
+    ImageNames::most_grains(&Images::new(specimen), reach_mm).min(MAX_GRAINS as u64)
+}
 
 /// What is to be packed densely.
 #[derive(Clone, Copy)]
@@ -285,6 +303,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 specimen: self.specimen,
                 rule: self.rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
+                attempts_in: AttemptsIn::Reach,
                 orientation: self.orientation,
             };
             let outcome = rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control);

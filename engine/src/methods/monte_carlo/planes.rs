@@ -19,7 +19,7 @@
 //! grains keep their gap but not along the rounded normal, both cross their planes wherever they are, and the pair is
 //! decided each time.
 
-use super::system::{Hot, System, opposite};
+use super::system::{Hot, System};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes};
 use crate::gap::grain::{ConvexShape, PushContact, Turned};
@@ -27,18 +27,18 @@ use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
 
 /// Lanes of a group.
 pub(super) const LANES: usize = 4;
-/// The neighbour of an unused lane.
+/// The neighbour of an unused lane. No image has all of the upper bits of a name ([`ImageNames`]).
+///
+/// [`ImageNames`]: crate::methods::image_names::ImageNames
 pub(super) const NOBODY: u32 = u32::MAX;
 /// The first of the six plane walls, as a neighbour: twice the axis, and one more for the far side.
 pub(super) const WALL: u32 = u32::MAX - 16;
-/// Grains are named by 25 bits; the upper 7 bits name the image.
-const IMAGE_SHIFT: u32 = 25;
-const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
-/// Largest number of grains that lists can name.
-pub const MAX_GRAINS: usize = ID_MASK as usize - 1;
+/// Largest number of grains that lists can name where no grain is longer than an edge of its periodic box: beside the
+/// images of two boxes to either side, and more than are ever grown.
+pub const MAX_GRAINS: usize = (1 << 25) - 2;
 
 /// Turns of the search for the direction of a push.
-const PUSH_TURNS: u32 = 3;
+pub(super) const PUSH_TURNS: u32 = 3;
 
 /// Length of a normal but for the rounding of its components, which changes it by less than 1.
 const UNIT: f64 = 32_767.0;
@@ -121,16 +121,6 @@ impl Group {
         self.neighbors[lane] = neighbor;
         self.mirrors[lane] = u16::try_from(place).unwrap_or(FAR);
     }
-}
-
-#[inline(always)]
-pub(super) fn pack(id: usize, image: u32) -> u32 {
-    id as u32 | image << IMAGE_SHIFT
-}
-
-#[inline(always)]
-pub(super) fn unpack(neighbor: u32) -> (usize, u32) {
-    ((neighbor & ID_MASK) as usize, neighbor >> IMAGE_SHIFT)
 }
 
 #[inline(always)]
@@ -255,7 +245,7 @@ impl<S: ConvexShape> System<S> {
     #[inline(always)]
     pub(super) fn decide(&self, i: usize, as_if: &Hot<S::Turned>, group: usize, lane: usize) -> Decided {
         let planes = &self.groups[group];
-        let (j, image) = unpack(planes.neighbors[lane]);
+        let (j, image) = self.names.read(planes.neighbors[lane]);
         let other = &self.hot[j];
         let at =
             if self.container.is_periodic() { sum(other.center, self.shift(image)) } else { other.center };
@@ -291,13 +281,13 @@ impl<S: ConvexShape> System<S> {
         along: Along,
     ) -> NewPlanes {
         let planes = &self.groups[group];
-        let (j, image) = unpack(planes.neighbors[lane]);
+        let (j, image) = self.names.read(planes.neighbors[lane]);
         let (one, other) = (&self.cold[i], &self.cold[j]);
         let share = one.step / (one.step + other.step);
         let Along { normal, supports: [h_a, h_b], slack } = along;
         let n = normal.each(f64::from);
         let place = match planes.mirrors[lane] {
-            FAR => self.place_of(j, pack(i, opposite(image))),
+            FAR => self.place_of(j, self.names.name(i, self.names.opposite(image))),
             place => u32::from(place),
         };
         let (at, mirror) = ((LANES * group + lane) as u32, LANES as u32 * other.list.first + place);
@@ -328,7 +318,7 @@ impl<S: ConvexShape> System<S> {
     /// The planes between a grain and a neighbour where they keep their gap; else where they push each other.
     #[inline(always)]
     pub(super) fn touch(&self, i: usize, group: usize, lane: usize) -> Result<NewPlanes, PushContact> {
-        let (j, image) = unpack(self.groups[group].neighbors[lane]);
+        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
         let mut n = self.groups[group].unit(lane);
         if S::Turned::IS_ELLIPSOID {
@@ -366,7 +356,7 @@ impl<S: ConvexShape> System<S> {
 
     /// Lays planes along this unit vector between a grain and a neighbour, wherever the two are.
     pub(super) fn lay_between(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
-        let (j, image) = unpack(self.groups[group].neighbors[lane]);
+        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
         let r = minus(sum(other.center, self.shift(image)), one.center);
         let along = along(one, other, r, self.gap(one.d, other.d), normal(n));

@@ -51,8 +51,8 @@ fn held(system: &System<Ellipsoid>) -> (f64, bool) {
                 assert!(offset <= UNIT * system.wall_plane(neighbor - WALL, system.hot[i].d).1 + 1e-9);
                 continue;
             }
-            let (j, image) = unpack(neighbor);
-            let place = system.place_of(j, pack(i, opposite(image)));
+            let (j, image) = system.names.read(neighbor);
+            let place = system.place_of(j, system.names.name(i, system.names.opposite(image)));
             assert_eq!(u32::from(planes.mirrors[lane]), place);
             let (there, other) = (place as usize, &system.cold[j]);
             let mirror = &system.groups[other.list.first as usize + there / LANES];

@@ -6,7 +6,7 @@
 //! × n) · I⁻¹ (x × n)` (position-based dynamics; Müller, Heidelberger, Hennix and Ratcliff 2007, DOI
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
-use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall, unpack};
+use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall};
 use super::system::{Hot, Moved, System, rotation, turned};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
@@ -174,11 +174,9 @@ impl Pusher {
                             continue;
                         }
                         Err(contact) => {
-                            let (j, _) = unpack(neighbor);
-                            if i != j {
-                                system.push_apart(i, group, lane, &contact, [self.beyond, self.beyond_d]);
-                                self.next[j] = true;
-                            }
+                            let (j, _) = system.names.read(neighbor);
+                            system.push_apart(i, group, lane, &contact, [self.beyond, self.beyond_d]);
+                            self.next[j] = true;
                             self.next[i] = true;
                         }
                     }
@@ -196,8 +194,10 @@ impl Pusher {
                 pushes += 1;
             }
         }
-        if system.cold[i].list.is_near_itself() && !system.clears_itself(&system.hot[i]) {
-            // No push helps a grain that meets its own image.
+        if system.cold[i].list.is_near_itself()
+            && let Some((r, n)) = system.own_image_met(&system.hot[i])
+        {
+            system.turn_from_itself(i, r, n, [self.beyond, self.beyond_d]);
             self.next[i] = true;
             pushes += 1;
         }
@@ -217,7 +217,7 @@ impl Pusher {
                 system.scale(widen);
             }
             Tighten::Gap(more) => {
-                let Some(depth) = self.deepest(system) else { return false };
+                let depth = self.deepest(system);
                 let less = depth * (1.0 + MARGIN) + MARGIN * system.gap(0.0, 0.0);
                 if less >= more {
                     return false;
@@ -230,8 +230,7 @@ impl Pusher {
 
     /// Calls `visit` with every pair and wall of a grain that looks again which is not clear: the grain, the direction,
     /// the vector between the centres along it or the distance from the wall, and what the gap lacks.
-    fn for_each_left(&self, system: &System<impl ConvexShape>, mut visit: impl FnMut(f64, f64)) -> bool {
-        let mut is_possible = true;
+    fn for_each_left(&self, system: &System<impl ConvexShape>, mut visit: impl FnMut(f64, f64)) {
         for i in (0..system.len()).filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
             for group in cold.list.groups() {
@@ -257,7 +256,7 @@ impl Pusher {
                         continue;
                     }
                     if let Decided::TooClose(n) = system.decide(i, &hot, group, lane) {
-                        let (j, image) = unpack(neighbor);
+                        let (j, image) = system.names.read(neighbor);
                         let other = &system.hot[j];
                         let r = minus(sum(other.center, system.shift(image)), hot.center);
                         let gap = system.gap(hot.d, other.d);
@@ -276,25 +275,26 @@ impl Pusher {
                     visit(axis - out, axis - out - slack);
                 }
             }
-            is_possible &= !cold.list.is_near_itself() || system.clears_itself(&hot);
+            if cold.list.is_near_itself() {
+                system.for_each_own_overlap(&hot, LEFT_TURNS, &mut visit);
+            }
         }
-        is_possible
     }
 
     /// The least factor on all lengths of the specimen, 1 or more, at which the gaps are kept.
     fn least_factor(&self, system: &System<impl ConvexShape>) -> Option<f64> {
         let mut factor = 1.0_f64;
-        let is_possible = self.for_each_left(system, |away, needed| {
+        self.for_each_left(system, |away, needed| {
             factor = factor.max(if away > 0.0 { needed / away } else { f64::INFINITY });
         });
-        (is_possible && factor.is_finite()).then_some(factor)
+        factor.is_finite().then_some(factor)
     }
 
     /// The most that a gap lacks.
-    fn deepest(&self, system: &System<impl ConvexShape>) -> Option<f64> {
+    fn deepest(&self, system: &System<impl ConvexShape>) -> f64 {
         let mut depth = 0.0_f64;
-        let is_possible = self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
-        is_possible.then_some(depth)
+        self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
+        depth
     }
 
     /// Goes back to before the push; the planes follow.
@@ -454,7 +454,7 @@ impl<S: ConvexShape> System<S> {
         contact: &PushContact,
         [beyond, beyond_d]: [f64; 2],
     ) {
-        let (j, image) = unpack(self.groups[group].neighbors[lane]);
+        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);
         let r = minus(sum(b.center, self.shift(image)), a.center);
         let gap = self.gap(a.d, b.d);
@@ -470,7 +470,7 @@ impl<S: ConvexShape> System<S> {
 
     /// What an impulse along `n` at the end of an arm does to a grain.
     #[inline(always)]
-    fn inertia(&self, i: usize, hot: &Hot<S::Turned>, arm: Vector, n: Vector) -> Impulse {
+    pub(super) fn inertia(&self, i: usize, hot: &Hot<S::Turned>, arm: Vector, n: Vector) -> Impulse {
         let cold = &self.cold[i];
         let per_mass = 1.0 / hot.d;
         let moment = cross(arm, n);
@@ -485,7 +485,7 @@ impl<S: ConvexShape> System<S> {
 
     /// Displaces and turns a grain, unless it would come out of its skin, for which the lists do not hold.
     #[inline(always)]
-    fn displace(&mut self, i: usize, by: Vector, turn: Vector) {
+    pub(super) fn displace(&mut self, i: usize, by: Vector, turn: Vector) {
         let center = sum(self.hot[i].center, by);
         let orientation = turned(self.cold[i].orientation, turn);
         if self.skin_used(i, center, orientation) > self.cold[i].skin {
@@ -505,10 +505,11 @@ impl<S: ConvexShape> System<S> {
     }
 }
 
-struct Impulse {
-    per_mass: f64,
-    weight: f64,
-    turn: Vector,
+/// What an impulse does to a grain: one over its mass, the displacement of the end of the arm, and the turn.
+pub(super) struct Impulse {
+    pub(super) per_mass: f64,
+    pub(super) weight: f64,
+    pub(super) turn: Vector,
 }
 
 #[cfg(test)]

@@ -184,7 +184,7 @@ fn are_neighbors(system: &System<impl ConvexShape>, i: usize, j: usize) -> bool 
     groups
         .iter()
         .flat_map(|group| group.neighbors)
-        .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && super::planes::unpack(neighbor).0 == j)
+        .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && system.names.read(neighbor).0 == j)
 }
 
 impl<S: ConvexShape> System<S> {

@@ -12,7 +12,9 @@ use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Orientation, Turned};
 use crate::gap::linear::{Vector, dot};
+use crate::geometry::images::Images;
 use crate::memory::{Blocks, OutOfMemory, collected, reserved};
+use crate::methods::image_names::ImageNames;
 use crate::request::{Boundary, Specimen};
 use crate::shape::Pose;
 
@@ -122,13 +124,6 @@ pub(super) enum Container {
     Cylinder { radius: f64, height: f64 },
 }
 
-/// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box finds all of its
-/// neighbours.
-const IMAGES_PER_AXIS: u32 = 5;
-pub(super) const IMAGES: u32 = 125;
-/// The code of no shift at all.
-pub(super) const HOME: u32 = 62;
-
 impl Container {
     fn new(specimen: &Specimen) -> Self {
         match *specimen {
@@ -159,24 +154,6 @@ impl Container {
             Self::Cylinder { .. } => 2..3,
         }
     }
-
-    /// The offset of an image at no stretch.
-    #[inline(always)]
-    pub(super) fn shift(&self, image: u32) -> Vector {
-        let size = self.bounds();
-        let steps =
-            |divisor: u32| f64::from((image / divisor % IMAGES_PER_AXIS) as i32 - IMAGES_PER_AXIS as i32 / 2);
-        [
-            steps(IMAGES_PER_AXIS * IMAGES_PER_AXIS) * size[0],
-            steps(IMAGES_PER_AXIS) * size[1],
-            steps(1) * size[2],
-        ]
-    }
-}
-
-/// The code of the opposite image.
-pub(super) fn opposite(image: u32) -> u32 {
-    IMAGES - 1 - image
 }
 
 /// The grains of a run.
@@ -184,6 +161,11 @@ pub(super) fn opposite(image: u32) -> u32 {
 pub(super) struct System<S: ConvexShape> {
     pub(super) cpu: Cpu,
     pub(super) container: Container,
+    /// The images of the specimen at no stretch; those that the lists name; and those in which a grain can come close
+    /// to itself, one of each two opposite ones from the nearest on, by offset and distance.
+    pub(super) images: Images,
+    pub(super) names: ImageNames,
+    pub(super) own_images: Vec<(Vector, f64)>,
     /// Size of the specimen over the requested one.
     pub(super) stretch: f64,
     pub(super) rule: DistanceRule,
@@ -247,6 +229,9 @@ impl<S: ConvexShape> System<S> {
         Ok(Self {
             cpu: Cpu::detect(),
             container: Container::new(specimen),
+            images: Images::new(specimen),
+            names: ImageNames::new(&Images::new(specimen), 0.0)?,
+            own_images: Vec::new(),
             stretch: 1.0,
             rule,
             more: 0.0,
@@ -278,7 +263,24 @@ impl<S: ConvexShape> System<S> {
     /// The offset of an image at the present stretch.
     #[inline(always)]
     pub(super) fn shift(&self, image: u32) -> Vector {
-        self.container.shift(image).each(|x| x * self.stretch)
+        self.names.offset_mm(image).each(|x| x * self.stretch)
+    }
+
+    /// Makes the images that pairs need whose centres are less than `reach` apart, until the specimen has shrunk by
+    /// `shrink`.
+    ///
+    /// # Errors
+    /// When the system refuses memory, or the grains are more than can be named beside so many images.
+    pub(super) fn name_images(&mut self, reach: f64, shrink: f64) -> Result<(), OutOfMemory> {
+        let reach = reach * shrink / self.stretch;
+        self.names = ImageNames::new(&self.images, reach)?;
+        if self.len() as u64 > self.names.grains() {
+            return Err(OutOfMemory { bytes: self.len() as u64 * 8 });
+        }
+        let own = self.images.of_itself(reach)?;
+        self.own_images =
+            collected(own.iter().map(|image| (image.offset_mm.into(), image.offset_mm.norm())))?;
+        Ok(())
     }
 
     /// Puts a grain elsewhere.
@@ -311,16 +313,6 @@ impl<S: ConvexShape> System<S> {
         let axis = radius * self.stretch;
         let (reach, n) = hot.turned.reach_across_mm([hot.center[0] - axis, hot.center[1] - axis]);
         (axis - self.wall_gap(hot.d) - reach, n)
-    }
-
-    /// Whether a grain of a periodic box keeps its gap to its own images.
-    pub(super) fn clears_itself(&self, hot: &Hot<S::Turned>) -> bool {
-        let gap = self.gap(hot.d, hot.d);
-        // One of each pair of opposite images.
-        (HOME + 1..IMAGES).all(|image| {
-            let r = self.shift(image);
-            hot.turned.decide(&hot.turned, r, gap, r).is_apart
-        })
     }
 
     /// Brings centres back into a periodic box.

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::*;
 use crate::control::{Progress, Unattended};
 use crate::cpu::tests::on_baseline;
-use crate::methods::brute_force_tests::assert_valid;
+use crate::methods::brute_force_tests::{assert_valid, is_valid};
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
 use crate::shape::Ellipsoid;
@@ -218,6 +218,37 @@ fn the_largest_gap_is_kept_by_all() {
             let distance = Distance::Constant { gap_mm, wall_gap_mm };
             assert_valid(&specimen, &rule(&distance, &specimen), &shapes, &outcome.poses);
         }
+    }
+}
+
+/// The largest gap that brute force finds: by bisection between what is kept and what is not, over all pairs and walls.
+#[test]
+fn the_gap_at_a_limit_is_the_largest_that_is_kept() {
+    let periodic = |edge: f64| Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
+    let one = || vec![Ellipsoid::new([4.0, 2.5, 2.0]).unwrap()];
+    let few = || vec![Ellipsoid::new([3.0, 2.5, 2.0]).unwrap(); 4];
+    let many = |specimen: &Specimen| shapes(specimen, 0.3, 6.0, [1.5, 1.2, 1.0]);
+    let cylinder = Specimen::Cylinder { diameter_mm: 40.0, height_mm: 30.0 };
+    for (specimen, shapes, least_mm) in [
+        // The shortest way to an image is an edge of 20 mm, and the grain is 4 mm thick.
+        (periodic(20.0), one(), 10.0),
+        (BOX, one(), 3.0),
+        (periodic(24.0), few(), 1.0),
+        (cylinder, few(), 1.0),
+        (BOX, many(&BOX), 0.05),
+    ] {
+        let mut packing = packing(&shapes, &specimen, &Distance::Maximize { wall_gap_mm: None });
+        packing.limits.sweeps = Some(60);
+        let outcome = packing.run(None, &Unattended).unwrap();
+        assert_eq!(outcome.end, End::SweepLimit);
+        let gap_mm = outcome.gap_mm.unwrap();
+        assert!(gap_mm > least_mm, "{gap_mm}");
+        assert_eq!(outcome.growth_curve.last().unwrap().gap_mm, Some(gap_mm));
+        let keeps = |gap_mm: f64| {
+            let rule = rule(&Distance::Constant { gap_mm, wall_gap_mm: None }, &specimen);
+            is_valid(&specimen, &rule, &shapes, &outcome.poses)
+        };
+        assert!(keeps(gap_mm) && !keeps(gap_mm * (1.0 + 1e-6)), "{gap_mm} in {specimen:?}");
     }
 }
 

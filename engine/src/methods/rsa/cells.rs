@@ -10,6 +10,7 @@
 use super::End;
 use crate::arrays::{self, Each as _};
 use crate::cpu::prefetch;
+use crate::geometry::images::{Image, Images};
 use crate::memory::{OutOfMemory, push, refill};
 use crate::specimen::Region;
 
@@ -148,6 +149,11 @@ impl Cells {
         cells.starts = starts;
         cells.entries = entries;
         Ok(cells)
+    }
+
+    #[cfg(test)]
+    pub(super) fn images(&self) -> &[[f64; 3]] {
+        &self.images
     }
 
     /// Its memory, for the next grid.
@@ -402,18 +408,15 @@ fn covers(sphere: &Placed, p: [f64; 3], part_mm: f64) -> bool {
     dx * dx + dy * dy + dz * dz < reach * reach
 }
 
+/// Offsets of the images whose exclusion spheres can reach into a box: a plan refuses grains whose own reach is longer
+/// than an edge, and rounding leaves those of a reach of three quarters, which are the same, alone. The grain itself
+/// comes first, then the boxes below and above it, along x fastest.
 fn images(periodic: bool, size: [f64; 3]) -> Vec<[f64; 3]> {
-    if !periodic {
-        return vec![[0.0; 3]];
-    }
-    let steps = [0.0, -1.0, 1.0];
-    let mut images = Vec::with_capacity(27);
-    for z in steps {
-        for y in steps {
-            for x in steps {
-                images.push([x * size[0], y * size[1], z * size[2]]);
-            }
-        }
-    }
-    images
+    let (middle, half) = (size.each(|length| length / 2.0), size.each(|length| 1.25 * length));
+    let mut images: Vec<Image> = Images::of_box(size, periodic).meeting_box(middle, half).collect();
+    images.sort_by_key(|image| {
+        let [x, y, z] = image.steps.each(|step| (-step).rem_euclid(3));
+        [z, y, x]
+    });
+    images.iter().map(|image| image.offset_mm.into()).collect()
 }

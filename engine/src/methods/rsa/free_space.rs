@@ -3,7 +3,8 @@
 //! A point drawn uniformly from the voxels, kept if it is free, is uniform in the free space, for
 //! the voxels always hold all of it. Failed draws shrink the voxels: one inside the sphere that
 //! blocked the draw drops out, another may be split in eight, of which those inside one sphere drop
-//! out. When none is left, it is proven that there is no place. Which voxels were dropped or split
+//! out. When none is left, and none of the deepest level was left undecided, it is proven that there
+//! is no place. Which voxels were dropped or split
 //! depends on failed draws alone, so the law of the accepted point stays uniform.
 //!
 //! A voxel inside a sphere, or too close to a wall, is so only for grains above some size. Since
@@ -21,7 +22,7 @@ use crate::request::Specimen;
 use crate::rng::uniform;
 
 /// Deepest level of subdivision: a cell's edge over 2^30. What is left there has less volume than
-/// the rounding of a coordinate and counts as nothing.
+/// the rounding of a coordinate and is dropped, but it is not proven to hold no place.
 const MAX_LEVEL: usize = 30;
 /// Points drawn at once.
 pub(super) const DRAWS_AT_ONCE: usize = 16;
@@ -96,6 +97,8 @@ pub(super) struct FreeSpace<'a> {
     /// Voxels tested against exclusion spheres.
     pub(super) tested: u64,
     spheres: Vec<Placed>,
+    /// Whether a voxel of the deepest level was dropped that nothing covers as a whole.
+    is_undecided: bool,
     /// Memory that a voxel was refused.
     refused: Option<OutOfMemory>,
 }
@@ -128,6 +131,7 @@ impl<'a> FreeSpace<'a> {
             batch: Batch::empty(),
             tested: 0,
             spheres: Vec::new(),
+            is_undecided: false,
             refused: None,
         })
     }
@@ -140,6 +144,11 @@ impl<'a> FreeSpace<'a> {
     /// The memory that a voxel was refused, if one was: voxels are missing since then.
     pub(super) fn refused(&self) -> Option<OutOfMemory> {
         self.refused.or(self.waiting.refused())
+    }
+
+    /// Whether no place is left, where no voxel is: whether each of them was covered as a whole.
+    pub(super) fn proves_saturation(&self) -> bool {
+        !self.is_undecided
     }
 
     /// Activates the voxels that may hold a place for a grain of `part_mm`; parts must not rise from
@@ -271,8 +280,8 @@ impl<'a> FreeSpace<'a> {
     pub(super) fn split(&mut self, draw: &Draw, cells: &Cells) {
         if draw.level < MAX_LEVEL && self.remove(draw) {
             self.split_voxel(draw.voxel, draw.level, cells);
-        } else {
-            self.remove(draw);
+        } else if draw.level == MAX_LEVEL && self.remove(draw) {
+            self.is_undecided = true;
         }
     }
 

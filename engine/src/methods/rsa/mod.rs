@@ -6,7 +6,7 @@
 //! one.
 //!
 //! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
-//! proves saturation when none is left (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
+//! proves saturation when none is left and none was left undecided (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
 //! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes); `voxels` keeps them. This module
 //! drives both: it cuts the grains into segments of similar size, each with a grid of its own. In runs of many grains,
 //! `ahead` has points drawn and tested by several threads.
@@ -96,7 +96,7 @@ pub enum End {
     InsertionFailed {
         /// Whether it is proven that there is none.
         saturation_proven: bool,
-        /// Attempts spent on it.
+        /// Attempts spent on it, as [`Rsa::attempts_per_grain`] counts them; draws where they have no limit.
         attempts: u64,
     },
     /// The control said so.
@@ -413,7 +413,7 @@ impl Run<'_> {
             return Found::Stopped;
         }
         let Some(draw) = free.draw(cells, rng) else {
-            return Found::Nothing { saturation_proven: true };
+            return Found::Nothing { saturation_proven: free.proves_saturation() };
         };
         let inside = search.region.contains(draw.point);
         if search.count(inside, free.drawn_from_cells(), rng) {
@@ -492,3 +492,6 @@ impl Search {
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod undecided_tests;

@@ -30,6 +30,19 @@ fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) 
     rsa.run(&mut stream(seed, Stream::Rsa), &Unattended)
 }
 
+/// The order in which images are entered decides which of two spheres blocks a point first, and so the packing.
+#[test]
+fn images_are_those_of_the_next_boxes_in_a_fixed_order() {
+    let built = |periodic: bool| {
+        let region = cube(10.0, Boundary::Periodic).center_region(1.0).unwrap();
+        Cells::build(CellBuffers::default(), region, periodic, 5.0, &[], 1.0, &|| false).unwrap()
+    };
+    let steps = [0.0, -10.0, 10.0];
+    let expected: Vec<[f64; 3]> = (0..27).map(|i| [steps[i % 3], steps[i / 3 % 3], steps[i / 9]]).collect();
+    assert_eq!(built(true).images(), expected);
+    assert_eq!(built(false).images(), [[0.0; 3]]);
+}
+
 /// The textbook algorithm, word for word: the oracle of the tests below.
 fn textbook(diameters: &[f64], specimen: &Specimen, limit: u64, seed: u64) -> Option<Vec<[f64; 3]>> {
     let mut rng = stream(seed + 1_000_000, Stream::Rsa);

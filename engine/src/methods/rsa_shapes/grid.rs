@@ -10,8 +10,10 @@ use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
-use crate::gap::linear::{Symmetric, Vector, minus, sum};
+use crate::gap::linear::{Symmetric, Vector, minus};
+use crate::geometry::images::{Image, Images};
 use crate::memory::{OutOfMemory, filled, make_room};
+use crate::methods::image_names::ImageNames;
 use crate::request::Specimen;
 use crate::shape::Pose;
 
@@ -19,14 +21,6 @@ use crate::shape::Pose;
 const CELL_EDGE: f64 = 3.0;
 /// Most cells per inserted and expected grain: few grains in much space need no fine cells.
 const MOST_CELLS: f64 = 2e6;
-/// Images of a periodic box reach two boxes to either side.
-const IMAGES_PER_AXIS: usize = 5;
-const IMAGES: usize = 125;
-/// The code of no shift at all.
-const HOME: usize = 62;
-/// Grains are named by 25 bits; the upper 7 bits of an entry name the image.
-const IMAGE_SHIFT: u32 = 25;
-const ID_MASK: u32 = (1 << IMAGE_SHIFT) - 1;
 /// End of a chain.
 const NONE: u32 = u32::MAX;
 /// A voxel is said to be covered with this margin, far above rounding.
@@ -105,12 +99,13 @@ impl<T: Turned> Inserted<T> {
 /// The grid of a stage.
 #[derive(Debug)]
 pub(super) struct Grid {
-    bounds_mm: Vector,
     pub(super) counts: [usize; 3],
     pub(super) edge: Vector,
-    is_periodic: bool,
-    /// Offsets of the images.
-    shifts: Vec<Vector>,
+    images: Images,
+    /// What entries name: grains with their images.
+    names: ImageNames,
+    /// In which images a grain can come close to itself: one of each two opposite ones, the nearest first.
+    own_images: Vec<Image>,
     /// Entries of cell `i` known at the build are `entries[starts[i]..starts[i + 1]]`.
     starts: Vec<u32>,
     entries: Vec<u32>,
@@ -120,36 +115,40 @@ pub(super) struct Grid {
 }
 
 impl Grid {
+    /// The grid of a stage, with the grains inserted before, of so many that may be inserted.
+    ///
+    /// # Errors
+    /// When the system refuses memory, or so many grains cannot be named beside their images.
     pub(super) fn new(
         specimen: &Specimen,
         stage: &Stage,
         rule: &DistanceRule,
         inserted: &[Inserted<impl Turned>],
+        grains: usize,
     ) -> Result<Self, OutOfMemory> {
         let bounds_mm = specimen.bounds_mm();
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
         let edge_mm = wanted.max(cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
         let counts = bounds_mm.each(|length| (length / edge_mm).round().max(1.0) as usize);
-        let size = bounds_mm;
-        let shifts = (0..IMAGES).map(|code| {
-            let of = |a: usize, divisor: usize| {
-                let steps = (code / divisor % IMAGES_PER_AXIS) as f64 - (IMAGES_PER_AXIS / 2) as f64;
-                steps * size[a]
-            };
-            [of(0, IMAGES_PER_AXIS * IMAGES_PER_AXIS), of(1, IMAGES_PER_AXIS), of(2, 1)]
-        });
+        let images = Images::new(specimen);
+        // Of the grains of the stage among themselves, and of those inserted before.
+        let own_reach_mm = 2.0 * stage.outer + rule.gap_mm(stage.diameters[0], stage.diameters[0]);
+        let reach_mm = inserted.iter().map(|one| one.reach_mm(stage, rule)).fold(own_reach_mm, f64::max);
         let number = counts.iter().product::<usize>();
         let mut grid = Self {
-            bounds_mm,
             counts,
             edge: arrays::from_fn(|a| bounds_mm[a] / counts[a] as f64),
-            is_periodic: specimen.is_periodic(),
-            shifts: shifts.collect(),
+            images,
+            names: ImageNames::new(&images, reach_mm)?,
+            own_images: images.of_itself(own_reach_mm)?,
             starts: filled(number + 1, 0)?,
             entries: Vec::new(),
             heads: filled(number, NONE)?,
             links: Vec::new(),
         };
+        if grid.names.grains() < grains as u64 {
+            return Err(OutOfMemory { bytes: grains as u64 * 8 });
+        }
         let mut starts = std::mem::take(&mut grid.starts);
         for one in inserted {
             grid.for_each_touched(one, one.reach_mm(stage, rule), |cell, _| starts[cell + 1] += 1);
@@ -160,7 +159,7 @@ impl Grid {
         let mut entries = filled(starts[number] as usize, 0)?;
         for (id, one) in inserted.iter().enumerate() {
             grid.for_each_touched(one, one.reach_mm(stage, rule), |cell, image| {
-                entries[starts[cell] as usize] = entry(id, image);
+                entries[starts[cell] as usize] = grid.names.name(id, image);
                 starts[cell] += 1;
             });
         }
@@ -184,7 +183,7 @@ impl Grid {
         make_room(&mut self.links, touched)?;
         let (mut heads, mut links) = (std::mem::take(&mut self.heads), std::mem::take(&mut self.links));
         self.for_each_touched(inserted, reach_mm, |cell, image| {
-            links.push([entry(id, image), heads[cell]]);
+            links.push([self.names.name(id, image), heads[cell]]);
             heads[cell] = (links.len() - 1) as u32;
         });
         (self.heads, self.links) = (heads, links);
@@ -210,14 +209,16 @@ impl Grid {
     pub(super) fn any_near(&self, cell: usize, mut visit: impl FnMut(usize, Vector) -> bool) -> bool {
         let range = self.starts[cell] as usize..self.starts[cell + 1] as usize;
         for &entry in &self.entries[range] {
-            if visit((entry & ID_MASK) as usize, self.shifts[(entry >> IMAGE_SHIFT) as usize]) {
+            let (grain, image) = self.names.read(entry);
+            if visit(grain, self.names.offset_mm(image)) {
                 return true;
             }
         }
         let mut link = self.heads[cell];
         while link != NONE {
             let [entry, next] = self.links[link as usize];
-            if visit((entry & ID_MASK) as usize, self.shifts[(entry >> IMAGE_SHIFT) as usize]) {
+            let (grain, image) = self.names.read(entry);
+            if visit(grain, self.names.offset_mm(image)) {
                 return true;
             }
             link = next;
@@ -258,15 +259,10 @@ impl Grid {
 
     /// Whether a body comes closer than a gap to an image of its own.
     pub(super) fn meets_own_image(&self, body: &Placed<impl Turned>, gap_mm: f64) -> bool {
-        let shortest = self.bounds_mm.into_iter().fold(f64::INFINITY, f64::min);
-        if !self.is_periodic || 2.0 * body.outer_mm + gap_mm < shortest {
-            return false;
-        }
-        // One of each pair of opposite images.
-        self.shifts[HOME + 1..].iter().any(|shift| {
-            let r = minus(sum(body.center_mm, *shift), body.center_mm);
-            !body.keeps(body, r, gap_mm)
-        })
+        let reach_mm = 2.0 * body.outer_mm + gap_mm;
+        let near = self.own_images.iter().map(|image| image.offset_mm);
+        near.take_while(|offset_mm| offset_mm.norm() < reach_mm)
+            .any(|offset_mm| !body.keeps(body, offset_mm.into(), gap_mm))
     }
 
     /// Calls `visit` with every cell, and the image, that a grain can matter to by its reach.
@@ -274,15 +270,11 @@ impl Grid {
         &self,
         inserted: &Inserted<impl Turned>,
         reach: f64,
-        mut visit: impl FnMut(usize, usize),
+        mut visit: impl FnMut(usize, u32),
     ) {
-        let images = if self.is_periodic { 0..IMAGES } else { HOME..HOME + 1 };
-        for image in images {
-            let shift = self.shifts[image];
-            let center: Vector = arrays::from_fn(|a| inserted.body.center_mm[a] + shift[a]);
-            if (0..3).any(|a| center[a] + reach < 0.0 || center[a] - reach > self.bounds_mm[a]) {
-                continue;
-            }
+        for image in self.images.meeting_box(inserted.body.center_mm, [reach; 3]) {
+            let center: Vector = arrays::from_fn(|a| inserted.body.center_mm[a] + image.offset_mm[a]);
+            let image = self.names.code(image.steps);
             let index = |a: usize, x: f64| ((x / self.edge[a]).max(0.0) as usize).min(self.counts[a] - 1);
             let span = |a: usize| index(a, center[a] - reach)..index(a, center[a] + reach) + 1;
             let gap2 = |a: usize, i: usize| {
@@ -305,8 +297,4 @@ impl Grid {
             }
         }
     }
-}
-
-fn entry(id: usize, image: usize) -> u32 {
-    id as u32 | (image as u32) << IMAGE_SHIFT
 }

@@ -1,8 +1,8 @@
 //! Random sequential addition of ellipsoids and polyhedra: each, from the largest to the smallest, gets the first pose
 //! drawn at random that keeps its gaps to all grains inserted before and to the walls.
 //!
-//! An attempt of the textbook algorithm draws a uniform centre from the region that keeps the inner radius and the wall
-//! gap from the walls, and an orientation. Most centres lie in or near a grain. For an inserted grain that holds an
+//! An attempt of the textbook algorithm draws a uniform centre from the specimen and an orientation. No centre is
+//! possible that is nearer to a wall than the inner radius and the wall gap, and most others lie in or near a grain. For an inserted grain that holds an
 //! ellipsoid with the semi-axes `a, b, c` and a new one of the inner radius `r_in`, no centre in the ellipsoid with the
 //! semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the
 //! body parallel to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore
@@ -19,6 +19,7 @@
 #![allow(clippy::inline_always)]
 
 mod grid;
+mod search;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
@@ -30,7 +31,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::arrays;
 use crate::control::{Control, Phase, Progress};
 use crate::distance::DistanceRule;
-use crate::elementary::ln_1p;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
@@ -39,11 +39,11 @@ use crate::methods::choice::{self, Choice};
 use crate::methods::rsa::End;
 use crate::packing::RsaStatistics;
 use crate::request::Specimen;
-use crate::rng::uniform;
 use crate::segregation::Preference;
 use crate::shape::Pose;
-use crate::specimen::Region;
 use grid::{Grid, Inserted, Placed};
+pub use search::AttemptsIn;
+use search::Search;
 use voxels::Voxels;
 
 /// Draws between two looks at the control: less than a millisecond.
@@ -86,8 +86,10 @@ pub struct ShapeRsa<'a, S> {
     pub specimen: &'a Specimen,
     /// The gaps they keep.
     pub rule: DistanceRule,
-    /// Attempts per grain; `None` goes on until saturation is proven, or to a number beyond all use.
+    /// Attempts per grain; `None` goes on until saturation is proven, or to [`MOST_DRAWS`] draws.
     pub attempts_per_grain: Option<u64>,
+    /// Where the centre of an attempt lies.
+    pub attempts_in: AttemptsIn,
     /// Draws orientations; [`crate::mix::uniform_orientation`] where none is preferred.
     pub orientation: &'a Orientation<'a>,
 }
@@ -101,21 +103,6 @@ pub struct Outcome {
     pub statistics: RsaStatistics,
     /// Why it ended.
     pub end: End,
-}
-
-/// The search for one grain.
-struct Search<S> {
-    grain: usize,
-    shape: S,
-    d_mm: f64,
-    wall_gap_mm: f64,
-    /// Where an attempt may fall, and its volume in mm³.
-    region: Region,
-    region_mm3: f64,
-    attempts: u64,
-    failed: u64,
-    limit: Option<u64>,
-    most_draws: u64,
 }
 
 enum Found<T> {
@@ -261,11 +248,17 @@ impl<S: ConvexShape> Run<'_, S> {
         let least = stage.inner + rsa.rule.wall_gap_mm(stage.diameters[1]);
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
         let Some(region) = rsa.specimen.center_region(least) else { return Err(no_place) };
+        let shortest_mm = match rsa.specimen {
+            _ if rsa.specimen.is_periodic() => {
+                rsa.specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min)
+            }
+            _ => f64::INFINITY,
+        };
         for grain in 0..self.inserted.len() {
             let (shape, orientation) = (self.shape(grain), self.orientations[grain]);
             self.inserted[grain].cover(stage, &rsa.rule, &shape, orientation);
         }
-        let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted)?;
+        let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted, grains.end)?;
         let factor = if S::Turned::IS_ELLIPSOID { 1 } else { CROWDED_ANGULAR / CROWDED };
         let level = match self.draws_per_grain / factor {
             ..LOOSE => LOOSE_LEVEL,
@@ -281,13 +274,21 @@ impl<S: ConvexShape> Run<'_, S> {
             let wall_gap_mm = rsa.rule.wall_gap_mm(d_mm);
             let own = rsa.specimen.center_region(shape.inner_mm() + wall_gap_mm);
             let own = own.ok_or(no_place)?;
+            // The spheres in a grain and in its nearest image come closer than their gap in every orientation.
+            let own_gap_mm = rsa.rule.gap_mm(d_mm, d_mm);
+            if (2.0 * shape.inner_mm() + own_gap_mm) * (1.0 - ROUNDING_MARGIN) > shortest_mm {
+                return Err(no_place);
+            }
             let mut search = Search {
                 grain,
                 shape,
                 d_mm,
                 wall_gap_mm: wall_gap_mm + ROUNDING_MARGIN * rsa.specimen.bounds_mm().iter().sum::<f64>(),
                 region: own,
-                region_mm3: own.volume_mm3(),
+                attempts_mm3: match rsa.attempts_in {
+                    AttemptsIn::Specimen => rsa.specimen.volume_mm3(),
+                    AttemptsIn::Reach => own.volume_mm3(),
+                },
                 attempts: 0,
                 failed: 0,
                 limit: rsa.attempts_per_grain,
@@ -377,12 +378,13 @@ impl<S: ConvexShape> Run<'_, S> {
         let Some(draw) = voxels.draw(grid, rng) else {
             return Ok(Found::Nothing { saturation_proven: true });
         };
-        let inside = search.region.contains(draw.point);
+        let point = draw.point_in(&search.region);
+        let inside = search.region.contains(point);
         if search.count(voxels.volume_mm3(), rng) {
             return Ok(Found::Nothing { saturation_proven: false });
         }
         let blocked_by = if inside {
-            match self.pose(search, draw.point, draw.cell, grid, rng) {
+            match self.pose(search, point, draw.cell, grid, rng) {
                 Ok((pose, body)) => return Ok(Found::Pose(pose, body)),
                 Err(blocked_by) => blocked_by,
             }
@@ -418,7 +420,9 @@ impl<S: ConvexShape> Run<'_, S> {
         let orientation = (rsa.orientation)(rng);
         let pose = Pose { center_mm: point.into(), orientation };
         let body = Placed::new(&search.shape, &pose);
-        if wall_gap_mm(body.center_mm, &body.turned, rsa.specimen) < search.wall_gap_mm {
+        // The region keeps a sphere from the walls, also where it has one place only.
+        let is_sphere = search.shape.inner_mm() == search.shape.outer_mm();
+        if !is_sphere && wall_gap_mm(body.center_mm, &body.turned, rsa.specimen) < search.wall_gap_mm {
             return Err(None);
         }
         let blocked = grid.any_near(cell, |grain, shift| {
@@ -430,7 +434,9 @@ impl<S: ConvexShape> Run<'_, S> {
             let far = body.outer_mm + other.body.outer_mm + gap_mm;
             dot(r, r) < far * far && !body.keeps(&other.body, r, gap_mm)
         });
-        let blocked = blocked || grid.meets_own_image(&body, rsa.rule.gap_mm(search.d_mm, search.d_mm));
+        let own_gap_mm =
+            rsa.rule.gap_mm(search.d_mm, search.d_mm) + ROUNDING_MARGIN * 2.0 * search.shape.outer_mm();
+        let blocked = blocked || grid.meets_own_image(&body, own_gap_mm);
         if blocked { Err(None) } else { Ok((pose, body)) }
     }
 
@@ -447,30 +453,5 @@ impl<S: ConvexShape> Run<'_, S> {
             message: format!("placing grains of {present_mm:.3} mm"),
             growth: None,
         });
-    }
-}
-
-impl<S> Search<S> {
-    /// Counts the textbook attempts that one draw from so much volume stands for; says whether the limit is passed.
-    ///
-    /// Attempts come as often per volume as draws: one over `p`, the volume of the voxels over that of the region, per
-    /// draw. Those that missed the voxels have failed unseen. Voxels may reach beyond the region; where they are larger
-    /// than the region, not every draw is an attempt.
-    #[inline(always)]
-    fn count(&mut self, volume_mm3: f64, rng: &mut Xoshiro256PlusPlus) -> bool {
-        let Some(limit) = self.limit else {
-            self.attempts += 1;
-            return self.attempts > self.most_draws;
-        };
-        let p = volume_mm3 / self.region_mm3;
-        if p < 1.0 {
-            let unseen = ln_1p(-uniform(rng)) / ln_1p(-p);
-            self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
-        } else if uniform(rng) * p >= 1.0 {
-            return false;
-        }
-        let spent = self.attempts == limit;
-        self.attempts += u64::from(!spent);
-        spent
     }
 }

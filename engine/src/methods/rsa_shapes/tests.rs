@@ -5,15 +5,19 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
+use serde_json::json;
 
 use super::*;
+use crate::PackingRequest;
 use crate::control::Unattended;
 use crate::gap::ellipsoids::Body;
 use crate::methods::brute_force_tests::assert_valid;
 use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance};
-use crate::shape::Ellipsoid;
+use crate::rng::uniform;
+use crate::shape::polyhedron::samples::cuboid;
+use crate::shape::{Ellipsoid, ScaledPolyhedron};
 
 fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm, boundary }
@@ -48,6 +52,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
                     specimen,
                     rule: DistanceRule::new(distance, specimen),
                     attempts_per_grain: Some(1_000_000),
+                    attempts_in: AttemptsIn::Specimen,
                     orientation: &uniform_orientation,
                 };
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
@@ -71,6 +76,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
         specimen: &specimen,
         rule,
         attempts_per_grain: Some(100_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     for seed in 0..20 {
@@ -95,6 +101,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
             specimen: &specimen,
             rule,
             attempts_per_grain: None,
+            attempts_in: AttemptsIn::Specimen,
             orientation: &uniform_orientation,
         };
         rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended)
@@ -122,15 +129,15 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
         specimen: &specimen,
         rule,
         attempts_per_grain: Some(1_000_000),
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     let textbook = |rng: &mut Xoshiro256PlusPlus| {
         let (mut poses, mut attempts): (Vec<Pose>, u64) = (Vec::new(), 0);
         for (i, shape) in shapes.iter().enumerate() {
-            let inner = shape.semi_axes_mm().z;
             loop {
                 attempts += 1;
-                let center_mm = Vector3::from_fn(|_, _| inner + (10.0 - 2.0 * inner) * uniform(rng));
+                let center_mm = Vector3::from_fn(|_, _| 10.0 * uniform(rng));
                 let pose = Pose { center_mm, orientation: uniform_orientation(rng) };
                 let body = Body::new(shape, &pose);
                 let is_clear = |j: usize| body.with(&Body::new(&shapes[j], &poses[j])).decide(0.0).is_apart;
@@ -185,6 +192,7 @@ fn spheres_are_placed_as_spheres() {
             specimen: &specimen,
             rule,
             attempts_per_grain: Some(10_000_000),
+            attempts_in: AttemptsIn::Reach,
             orientation: &uniform_orientation,
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
@@ -208,6 +216,87 @@ fn spheres_are_placed_as_spheres() {
     assert!((mean(&ours) - mean(&theirs)).abs() < 4.0 * error, "{} {}", mean(&ours), mean(&theirs));
 }
 
+/// A sphere that is given as an ellipsoid fills its specimen exactly, in any orientation, and passes the check.
+#[test]
+fn a_sphere_that_fits_exactly_is_packed_and_passes_the_check() {
+    let boxed = |edge: f64, boundary: &str| json!({"type": "box", "size_mm": [edge, edge, edge], "boundary": boundary});
+    let cylinder = |size: f64| json!({"type": "cylinder", "diameter_mm": size, "height_mm": size});
+    for (specimen, d_mm, gap_mm) in [
+        (boxed(8.0, "walls"), 8.0, 0.0),
+        (boxed(8.0, "periodic"), 8.0, 0.0),
+        (cylinder(8.0), 8.0, 0.0),
+        (boxed(9.0, "walls"), 8.0, 1.0),
+        (boxed(9.0, "periodic"), 8.0, 1.0),
+        (cylinder(9.0), 8.0, 1.0),
+        (boxed(7.3, "walls"), 7.3, 0.0),
+        (boxed(7.3, "periodic"), 7.3, 0.0),
+        (cylinder(7.3), 7.3, 0.0),
+    ] {
+        for seed in 0..20 {
+            let value = json!({
+                "specimen": specimen,
+                "mix": {"grading": {"type": "diameters", "diameters_mm": [d_mm]}, "allow_coarse": true,
+                    "shape": {"type": "ellipsoid",
+                        "ratios": {"type": "constant", "elongation": 1, "flatness": 1}}},
+                "distance": {"type": "constant", "gap_mm": gap_mm},
+                "method": {"type": "rsa", "attempts_per_grain": 1000},
+            });
+            let request = PackingRequest::from_json(&value, seed).unwrap();
+            let packed = crate::pack(&request, &crate::Limits::default(), &Unattended);
+            assert!(packed.is_ok(), "{specimen} {gap_mm}, seed {seed}: {packed:?}");
+        }
+    }
+}
+
+/// A sphere has one place in a box or a cylinder of its size. A cube that is hardly narrower than its box has a place that
+/// random orientations do not meet: nothing is proven, and that is what the end says.
+#[test]
+fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
+    let none = Distance::None { wall_gap_mm: None };
+    let gap = Distance::Constant { gap_mm: 1.0, wall_gap_mm: Some(0.5) };
+    for (specimen, distance) in [
+        (boxed([8.0; 3], Boundary::Walls), &none),
+        (boxed([9.0, 8.0, 20.0], Boundary::Walls), &none),
+        (boxed([8.0; 3], Boundary::Periodic), &none),
+        (Specimen::Cylinder { diameter_mm: 8.0, height_mm: 8.0 }, &none),
+        (boxed([9.0; 3], Boundary::Walls), &gap),
+        (boxed([9.0; 3], Boundary::Periodic), &gap),
+    ] {
+        for attempts_per_grain in [None, Some(1000)] {
+            let shapes = [Ellipsoid::new([4.0; 3]).unwrap()];
+            let rsa = ShapeRsa {
+                shapes: &shapes,
+                specimen: &specimen,
+                rule: DistanceRule::new(distance, &specimen),
+                attempts_per_grain,
+                attempts_in: AttemptsIn::Specimen,
+                orientation: &uniform_orientation,
+            };
+            let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended);
+            assert_eq!(outcome.end, End::Complete, "{specimen:?}");
+        }
+    }
+    let specimen = boxed([5.01; 3], Boundary::Walls);
+    let cube = cuboid([5.0; 3], 0.0).normalized();
+    let scale_mm = 5.0 / libm::cbrt(std::f64::consts::PI / 6.0);
+    let shapes = [ScaledPolyhedron { template: &cube, scale_mm }];
+    let rsa = ShapeRsa {
+        shapes: &shapes,
+        specimen: &specimen,
+        rule: DistanceRule::new(&none, &specimen),
+        attempts_per_grain: None,
+        attempts_in: AttemptsIn::Specimen,
+        orientation: &uniform_orientation,
+    };
+    let rng = &mut Xoshiro256PlusPlus::seed_from_u64(1);
+    let outcome = rsa.run_with(None, None, 20_000, rng, &Unattended);
+    assert_eq!(outcome.end, End::InsertionFailed { saturation_proven: false, attempts: 20_000 });
+    // In its own orientation it is placed.
+    let along = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
+    let outcome = ShapeRsa { orientation: &along, ..rsa }.run(rng, &Unattended);
+    assert_eq!(outcome.end, End::Complete);
+}
+
 #[test]
 fn a_stop_is_obeyed_and_progress_reported() {
     struct Stops(AtomicU64);
@@ -229,6 +318,7 @@ fn a_stop_is_obeyed_and_progress_reported() {
         specimen: &specimen,
         rule,
         attempts_per_grain: None,
+        attempts_in: AttemptsIn::Specimen,
         orientation: &uniform_orientation,
     };
     let control = Stops(AtomicU64::new(0));

@@ -75,12 +75,26 @@ impl VoxelList {
 /// A point that was drawn, and where.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Draw {
-    pub(super) point: Vector,
+    point: Vector,
     pub(super) cell: usize,
     level: usize,
     index: usize,
     center: Vector,
+    half: Vector,
     radius_mm: f64,
+}
+
+impl Draw {
+    /// The point, or where the region has one coordinate only along an axis, which no draw meets, the one at it, if it
+    /// is a point of the voxel.
+    pub(super) fn point_in(&self, region: &Region) -> Vector {
+        let coordinate = |axis: usize| {
+            let only = region.low[axis];
+            let is_met = (only - self.center[axis]).abs() <= self.half[axis];
+            if only == region.high[axis] && is_met { only } else { self.point[axis] }
+        };
+        arrays::from_fn(coordinate)
+    }
 }
 
 /// The voxels of a stage by level.
@@ -184,13 +198,15 @@ impl Voxels {
         let index = ((u128::from(rng.next_u64()) * self.levels[level].len as u128) >> 64) as usize;
         let voxel = self.levels[level].get(index);
         let (corner, edge) = place(&voxel, level, grid);
+        let half = edge.each(|e| e / 2.0);
         Some(Draw {
             point: arrays::from_fn(|a| corner[a] + uniform(rng) * edge[a]),
             cell: voxel.cell as usize,
             level,
             index,
-            center: arrays::from_fn(|a| corner[a] + edge[a] / 2.0),
-            radius_mm: length(edge.each(|e| e / 2.0)),
+            center: arrays::from_fn(|a| corner[a] + half[a]),
+            half,
+            radius_mm: length(half),
         })
     }
 

@@ -14,6 +14,7 @@ mod queue;
 mod reversal;
 mod roots;
 mod shortlists;
+mod start;
 
 use super::container::Container;
 use super::growth::Growth;

@@ -70,6 +70,8 @@ const MOST_SKIN: f64 = 0.8;
 const HELD_WIDER: f64 = 1.6;
 const MOST_MARGIN: f64 = 4.0;
 const MARGIN_FALL: f64 = 0.9;
+/// Largest skin over the diameter of equal volume.
+pub(super) const MOST_SKIN_OVER_D: f64 = MOST_MARGIN * MOST_SKIN / 2.0;
 /// Lists are due when displacements were prevented as often as this share of the grains.
 const MOST_HELD: f64 = 0.01;
 /// Most points of the curve; when it is full every other one goes.
@@ -118,6 +120,8 @@ pub(super) struct Run<S: ConvexShape> {
     listed_cycles: u64,
     listed_stretch: f64,
     listed_more: f64,
+    /// The constant gap that the grains keep, where it is what grows; at least that which they were made to keep.
+    kept: f64,
 }
 
 impl<S: ConvexShape> Run<S> {
@@ -161,6 +165,7 @@ impl<S: ConvexShape> Run<S> {
             listed_cycles: CYCLES_PER_LIST,
             listed_stretch: 0.0,
             listed_more: 0.0,
+            kept: 0.0,
         })
     }
 
@@ -187,9 +192,16 @@ impl<S: ConvexShape> Run<S> {
                 self.begin_gap();
             }
             if control.should_finish().is_some() {
+                if self.stage == Stage::Gap {
+                    self.measure_gap()?;
+                }
                 return Ok(End::Finished);
             }
             if let Some(end) = self.limit_reached(of) {
+                if self.stage == Stage::Gap {
+                    self.measure_gap()?;
+                    self.report(of, control);
+                }
                 return Ok(end);
             }
             let by = self.tighten(of.to_jamming.is_some());
@@ -251,7 +263,7 @@ impl<S: ConvexShape> Run<S> {
     }
 
     fn build_lists(&mut self) -> Result<(), OutOfMemory> {
-        let growth = (RATES_PER_LIST * self.rate).min(MOST_LISTED_GROWTH).max(2.0 * self.rate);
+        let mut growth = (RATES_PER_LIST * self.rate).min(MOST_LISTED_GROWTH).max(2.0 * self.rate);
         let rate = self.rate;
         let held = self.system.cold.iter().filter(|cold| cold.list.is_held()).count();
         let margins = reserved(self.margins.len() + held)?;
@@ -273,16 +285,45 @@ impl<S: ConvexShape> Run<S> {
             let (least, most) = ((SKIN_RATES * rate + LEAST_SKIN) * radius, MOST_SKIN * radius);
             cold.skin = margin * (SKIN_STEPS * cold.step).clamp(least, most);
         }
-        let (shrink, reserve) = match self.stage {
-            Stage::Scale => (1.0 + growth, 0.0),
-            Stage::Gap => (1.0, growth * self.gap_unit()),
-        };
-        Lists::default().build(&mut self.system, shrink, reserve)?;
-        self.listed_stretch = self.system.stretch / shrink;
-        self.listed_more = self.system.more + reserve;
-        self.listed_cycles = 0;
-        self.system.held = 0;
-        self.statistics.list_builds += 1;
+        let mut is_loose = false;
+        loop {
+            let (shrink, reserve) = match self.stage {
+                Stage::Scale => (1.0 + growth, 0.0),
+                Stage::Gap => (1.0, growth * self.gap_unit()),
+            };
+            Lists::default().build(&mut self.system, shrink, reserve)?;
+            self.listed_stretch = self.system.stretch / shrink;
+            self.listed_more = self.system.more + reserve;
+            self.listed_cycles = 0;
+            self.system.held = 0;
+            self.statistics.list_builds += 1;
+            if self.stage == Stage::Scale {
+                return Ok(());
+            }
+            self.kept = self.system.kept_gap(self.listed_more);
+            let is_known = self.kept < self.listed_more;
+            is_loose |= !is_known;
+            if is_loose {
+                // Few grains in much space keep a gap that growth would take long to reach.
+                self.system.widen_gaps(self.kept - self.system.more);
+            }
+            if is_known {
+                return Ok(());
+            }
+            growth *= 2.0;
+        }
+    }
+
+    /// Measures the gap that the grains keep, and notes it as the last of the growth curve.
+    fn measure_gap(&mut self) -> Result<(), OutOfMemory> {
+        self.kept = self.system.kept_gap(self.listed_more);
+        // The lists are those of growth to the size, or the grains are farther apart than they tell.
+        if self.kept >= self.listed_more {
+            self.build_lists()?;
+        }
+        if let Some(last) = self.curve.last_mut() {
+            last.gap_mm = Some(self.kept);
+        }
         Ok(())
     }
 
@@ -319,6 +360,9 @@ impl<S: ConvexShape> Run<S> {
             }
         }
         self.compress(by)?;
+        if self.stage == Stage::Gap {
+            self.kept = self.system.kept_gap(self.listed_more);
+        }
         self.note_point(of);
         self.report(of, control);
         Ok(!control.should_stop())

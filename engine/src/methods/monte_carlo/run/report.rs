@@ -57,7 +57,7 @@ impl<S: ConvexShape> Run<S> {
     /// The constant gap that the grains keep by now at their full size, where one is requested.
     pub(super) fn gap_mm(&self, of: &MonteCarlo<'_, S>) -> Option<f64> {
         match (self.stage, of.maximize, of.rule.constant_mm()) {
-            (Stage::Gap, ..) => Some(self.system.more),
+            (Stage::Gap, ..) => Some(self.kept),
             _ if of.to_jamming.is_some() => None,
             (Stage::Scale, None, Some(mm)) if mm > 0.0 => {
                 Some((self.size().min(1.0) * (self.largest_mm + mm) - self.largest_mm).max(0.0))
@@ -83,7 +83,7 @@ impl<S: ConvexShape> Run<S> {
             packing_time_s: self.elapsed_s(),
             moves: self.statistics.moves_tried,
             volume_fraction: self.volume_fraction(of),
-            gap_mm: (self.stage == Stage::Gap).then_some(self.system.more),
+            gap_mm: (self.stage == Stage::Gap).then_some(self.kept),
         });
         if self.curve.len() >= CURVE_POINTS {
             let mut at = 0;
