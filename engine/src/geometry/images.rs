@@ -1,10 +1,10 @@
 //! The periodic images of a grain that meet the box.
 //!
 //! A periodic box with the edges `L` repeats every grain at `c + k L`, with three integers `k`. An image meets the box
-//! `0 < x < L` if its own bounding box, `c + k L ± h`, has points in common with it. A grain may be longer than an edge:
-//! then more than three of its images along this axis meet the box. All other questions are put in this form: the boxes
-//! that the surroundings of a grain meet are the images of the surroundings that meet the box, the other way round; and
-//! the images of a grain that come near the grain itself are those of its surroundings that hold its centre.
+//! `0 < x < L` if its own bounding box, `c + k L ± h`, has points in common with it. A grain may be longer than an
+//! edge: then more than three of its images along this axis meet the box. All other questions are put in this form: the
+//! boxes that the surroundings of a grain meet are the images of the surroundings that meet the box, the other way
+//! round; and the images of a grain that come near the grain itself are those of its surroundings that hold its centre.
 
 use nalgebra::Vector3;
 

@@ -1,7 +1,7 @@
 //! The largest distance that spheres keep where a limit, or a request to finish, has ended its growth.
 //!
-//! Growth knows a distance that all grains keep; the gaps between the closest of them are larger where the end came before
-//! growth had used them up.
+//! Growth knows a distance that all grains keep; the gaps between the closest of them are larger where the end came
+//! before growth had used them up.
 
 use super::Placed;
 use super::size_scale::NearPairs;

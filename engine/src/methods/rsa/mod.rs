@@ -5,8 +5,8 @@
 //! new grain around a grain of radius `r_j` ([`crate::distance::Exclusion`]), because the new grain is the smaller
 //! one.
 //!
-//! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and
-//! proves saturation when none is left and none was left undecided (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
+//! `cells` answers whether a point is free; `free_space` knows the voxels that can still contain free points and proves
+//! saturation when none is left and none was left undecided (Ebeida, Mitchell, Patney, Davidson and Owens 2012, DOI
 //! 10.1111/j.1467-8659.2012.03059.x, for equal disks; here for spheres of any sizes); `voxels` keeps them. This module
 //! drives both: it cuts the grains into segments of similar size, each with a grid of its own. In runs of many grains,
 //! `ahead` has points drawn and tested by several threads.

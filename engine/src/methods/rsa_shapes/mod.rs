@@ -2,13 +2,13 @@
 //! drawn at random that keeps its gaps to all grains inserted before and to the walls.
 //!
 //! An attempt of the textbook algorithm draws a uniform centre from the specimen and an orientation. No centre is
-//! possible that is nearer to a wall than the inner radius and the wall gap, and most others lie in or near a grain. For an inserted grain that holds an
-//! ellipsoid with the semi-axes `a, b, c` and a new one of the inner radius `r_in`, no centre in the ellipsoid with the
-//! semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any orientation: that ellipsoid lies inside the
-//! body parallel to the grain at the distance `t` ([`crate::gap`]). Voxels that one such ellipsoid covers are therefore
-//! dropped, and centres are drawn from the voxels that are left. Attempts that would have fallen elsewhere are counted
-//! by a geometric number of the same law, so that the outcome has the distribution of the textbook algorithm. Where no
-//! voxel is left, saturation is proven.
+//! possible that is nearer to a wall than the inner radius and the wall gap, and most others lie in or near a grain.
+//! For an inserted grain that holds an ellipsoid with the semi-axes `a, b, c` and a new one of the inner radius `r_in`,
+//! no centre in the ellipsoid with the semi-axes `a + t, b + t, c + t`, `t = r_in + g`, is possible for any
+//! orientation: that ellipsoid lies inside the body parallel to the grain at the distance `t` ([`crate::gap`]). Voxels
+//! that one such ellipsoid covers are therefore dropped, and centres are drawn from the voxels that are left. Attempts
+//! that would have fallen elsewhere are counted by a geometric number of the same law, so that the outcome has the
+//! distribution of the textbook algorithm. Where no voxel is left, saturation is proven.
 //!
 //! With a gradient ([`crate::segregation`]) a grain does not get the first pose but one of several that are possible,
 //! by the weights of their centres.

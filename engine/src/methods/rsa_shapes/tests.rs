@@ -248,8 +248,8 @@ fn a_sphere_that_fits_exactly_is_packed_and_passes_the_check() {
     }
 }
 
-/// A sphere has one place in a box or a cylinder of its size. A cube that is hardly narrower than its box has a place that
-/// random orientations do not meet: nothing is proven, and that is what the end says.
+/// A sphere has one place in a box or a cylinder of its size. A cube that is hardly narrower than its box has a place
+/// that random orientations do not meet: nothing is proven, and that is what the end says.
 #[test]
 fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
     let none = Distance::None { wall_gap_mm: None };
