@@ -36,15 +36,14 @@ impl Here {
     ) -> Result<Option<(Work, Held)>, LeaseError> {
         let mut wake_up: Option<WakeUp> = None;
         let (mut reserved, claimed) = loop {
-            let reserved = match slots.reserve().now_or_never() {
-                Some(reserved) => reserved,
-                None => {
-                    // Without a free slot the wake-up is another worker's.
-                    drop(wake_up.take());
-                    tokio::select! {
-                        reserved = slots.reserve() => reserved,
-                        () = shutdown.cancelled() => return Ok(None),
-                    }
+            let reserved = if let Some(reserved) = slots.reserve().now_or_never() {
+                reserved
+            } else {
+                // Without a free slot the wake-up is another worker's.
+                drop(wake_up.take());
+                tokio::select! {
+                    reserved = slots.reserve() => reserved,
+                    () = shutdown.cancelled() => return Ok(None),
                 }
             };
             let mark = self.store.queue_mark();
