@@ -13,7 +13,7 @@ fn job(stop: &Value, on_limit: &str) -> Value {
         "seed": 3,
         "specimen": {"type": "box", "size_mm": [24, 24, 24]},
         "mix": {"grading": {"type": "fuller", "d_max_mm": 6, "exponent": 0.5}, "d_min_mm": 2,
-                "volume_fraction": 0.6, "volume_fraction_of": "placed_grains"},
+                "volume_fraction": 0.55, "volume_fraction_of": "placed_grains"},
         "distance": {"type": "constant", "gap_mm": 0.1},
         "method": {"type": "edmd", "stop": stop},
         "on_limit": on_limit,
@@ -54,7 +54,7 @@ async fn a_partial_result_is_gone_on_with_where_only_limits_have_changed() {
     let resume = [&run[..], &["--resume"]].concat();
 
     // By default it fails, names what was reached, and offers to keep it.
-    write(folder, &job(&json!({"events": 4000}), "fail"));
+    write(folder, &job(&json!({"events": 2000}), "fail"));
     let failed = packstone(folder, &run).await;
     assert_eq!(failed.code, Some(4), "{failed:?}");
     assert!(
@@ -62,14 +62,14 @@ async fn a_partial_result_is_gone_on_with_where_only_limits_have_changed() {
         "{failed:?}"
     );
 
-    write(folder, &job(&json!({"events": 4000}), "keep"));
+    write(folder, &job(&json!({"events": 2000}), "keep"));
     let kept = packstone(folder, &run).await;
     assert_eq!(kept.code, Some(0), "{kept:?}");
     assert!(kept.stderr.contains("warning: the packing is partial"), "{kept:?}");
     let first = result(folder);
     let partial = &first["summary"]["partial"];
     assert_eq!(partial["reason"], "event_limit");
-    assert_eq!(partial["volume_fraction_requested"], 0.6);
+    assert_eq!(partial["volume_fraction_requested"], 0.55);
     assert_eq!(partial["distance_mm_reached"], 0.1);
     assert!(partial["size_scale"].as_f64().unwrap() < 1.0, "{partial}");
     let [pairs, walls] = least_gaps(&first);
@@ -80,15 +80,15 @@ async fn a_partial_result_is_gone_on_with_where_only_limits_have_changed() {
     // Its files are not overwritten by chance, and another job does not go on from it.
     let refused = packstone(folder, &run).await;
     assert!(refused.code == Some(3) && refused.stderr.contains("partial result"), "{refused:?}");
-    let mut other = job(&json!({"events": 9000}), "keep");
-    other["mix"]["volume_fraction"] = json!(0.61);
+    let mut other = job(&json!({"events": 4000}), "keep");
+    other["mix"]["volume_fraction"] = json!(0.56);
     write(folder, &other);
     let refused = packstone(folder, &resume).await;
     assert!(refused.code == Some(3) && refused.stderr.contains("another job"), "{refused:?}");
     assert_eq!(result(folder), first);
 
     // A higher limit goes on and replaces the files; at last without a limit to the end.
-    write(folder, &job(&json!({"events": 9000}), "keep"));
+    write(folder, &job(&json!({"events": 4000}), "keep"));
     let more = packstone(folder, &resume).await;
     assert_eq!(more.code, Some(0), "{more:?}");
     let second = result(folder);
