@@ -43,6 +43,11 @@ async fn finish(client: &Client, id: &str) -> Value {
 /// periodic box, and the volume fraction.
 async fn judge(client: &Client, id: &str, edges_mm: [f64; 3]) -> (f64, f64) {
     let rows = results::from_json(&client.result(id).await);
+    // Apart from the connections of the client, which would not see meanwhile that the server closes them.
+    tokio::task::spawn_blocking(move || judge_rows(&rows, edges_mm)).await.unwrap()
+}
+
+fn judge_rows(rows: &results::Rows, edges_mm: [f64; 3]) -> (f64, f64) {
     let mut least = f64::INFINITY;
     for (i, one) in rows.iter().enumerate() {
         for other in &rows[..i] {

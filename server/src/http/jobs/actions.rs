@@ -56,8 +56,8 @@ pub(crate) async fn cancel(
 ///
 /// The job succeeds within 5 s, beside the time that the check of the packing takes, whatever its `on_limit` says.
 /// `summary.partial` of the result tells how far the run came; it is absent where the packing was complete already.
-/// The same request once more changes nothing. 409 where nothing can be kept: the job waits, has placed no grain yet, or
-/// has ended.
+/// The same request once more changes nothing. 409 where nothing can be kept: the job waits, has no grain yet, or has
+/// ended.
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/jobs/{id}/finish", tag = "jobs", operation_id = "finish_job",
     params(

@@ -109,8 +109,8 @@ pub(crate) async fn events(
     Ok(event_stream(follow(following)))
 }
 
-/// State, attempt, requests to cancel and to finish, and until when it is not started: a job has moved where one of them
-/// differs.
+/// State, attempt, requests to cancel and to finish, and until when it is not started: a job has moved where one of
+/// them differs.
 type Moved = (jobs::State, i64, bool, bool, Option<i64>);
 
 fn moved(job: &JobRecord) -> Moved {
