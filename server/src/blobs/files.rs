@@ -32,6 +32,9 @@ const LOOKS: [Duration; 3] = [Duration::ZERO, Duration::from_millis(200), Durati
 #[derive(Debug)]
 pub(crate) struct Files {
     root: PathBuf,
+    /// The device and the number of the folder at the start, where no other process uses it: another one may get its
+    /// name.
+    identity: Option<(u64, u64)>,
     shared: bool,
     /// Listings tell when files were written.
     dated: bool,
@@ -42,7 +45,7 @@ pub(crate) struct Files {
 impl Files {
     /// A folder of this process alone.
     pub(crate) fn alone(root: PathBuf) -> Self {
-        Self { root, shared: false, dated: false, durable: true }
+        Self { identity: identity(&root), root, shared: false, dated: false, durable: true }
     }
 
     /// A folder that is looked at, whoever uses it.
@@ -52,7 +55,7 @@ impl Files {
 
     /// A folder of this process alone whose files nobody reads after it: they may be lost with the power.
     pub(crate) fn scratch(root: PathBuf) -> Self {
-        Self { root, shared: false, dated: false, durable: false }
+        Self { durable: false, ..Self::alone(root) }
     }
 
     /// A folder that other processes may use too.
@@ -61,7 +64,7 @@ impl Files {
     /// Those of the file system; it must make folders and take files, hard links among them.
     pub(crate) fn shared(root: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&root)?;
-        let files = Self { root, shared: true, dated: true, durable: true };
+        let files = Self { root, identity: None, shared: true, dated: true, durable: true };
         let name = format!("trial.{}", Uuid::now_v7().simple());
         files.publish(files.stage(&name)?, &name, &|| false)?;
         files.remove(&[name])?;
@@ -87,6 +90,16 @@ impl Files {
             made = above;
         }
         Ok(())
+    }
+
+    /// Makes sure that the folder of that name is still the one of the start. A file that was published before is in it
+    /// then, and moves with it from now on.
+    fn check_identity(&self) -> io::Result<()> {
+        if self.identity.is_none() || identity(&self.root) == self.identity {
+            return Ok(());
+        }
+        let what = format!("{} was moved or replaced while it was in use", self.root.display());
+        Err(io::Error::new(io::ErrorKind::TimedOut, what))
     }
 
     /// Does something in the folder of a file, which is made where it is missing, and may be removed at any moment
@@ -210,7 +223,8 @@ impl Blobs for Files {
             staged.path = None;
         }
         drop(staged);
-        file.parent().map_or(Ok(()), |folder| self.sync_folder(folder))
+        file.parent().map_or(Ok(()), |folder| self.sync_folder(folder))?;
+        self.check_identity()
     }
 
     fn fetch(&self, name: &str) -> io::Result<File> {
@@ -276,6 +290,11 @@ impl Blobs for Files {
     fn space(&self) -> io::Result<Option<Space>> {
         Space::of(&self.root).map(Some)
     }
+}
+
+/// The device and the number of a folder, by which it is told from another one of its name.
+fn identity(folder: &Path) -> Option<(u64, u64)> {
+    fs::metadata(folder).ok().map(|found| (found.dev(), found.ino()))
 }
 
 /// Opens a file that holds bytes: a pipe in its place would be waited for without end.

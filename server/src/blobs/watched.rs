@@ -167,9 +167,11 @@ impl Blobs for Watched {
     fn publish(&self, staged: Staged, name: &str, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
         let bytes = staged.file().metadata()?.len();
         let longest = CALL + Duration::from_secs(bytes / LEAST_SPEED);
-        let name = name.to_owned();
+        let (name, owner) = (name.to_owned(), self.owner.clone());
         self.call_until(longest, is_stopped, move |blobs, stop| {
-            blobs.publish(staged, &name, &|| stop.load(Ordering::Acquire))
+            blobs.publish(staged, &name, &|| stop.load(Ordering::Acquire))?;
+            // In another folder of the same name, the file would go with that folder.
+            check_place(blobs, &owner)
         })
     }
 
@@ -207,13 +209,8 @@ impl Blobs for Watched {
         self.call(LONG_CALL, move |blobs| {
             blobs.remove(&names)?;
             // A missing file counts as removed. Another folder in the place, or none, misses every file: their removal
-            // must not be forgotten. A bucket is not moved.
-            if blobs.is_remote() || owner::read(blobs).is_ok_and(|theirs| theirs.database == owner.database) {
-                return Ok(());
-            }
-            let what =
-                format!("the place of files {} is not the one whose files are removed", blobs.shown(""));
-            Err(io::Error::new(io::ErrorKind::TimedOut, what))
+            // must not be forgotten.
+            check_place(blobs, &owner)
         })
     }
 
@@ -269,6 +266,15 @@ impl Blobs for Watched {
     fn trouble(&self) -> Option<String> {
         self.noted().clone()
     }
+}
+
+/// Makes sure, after a change, that it was made in the place of that database. A bucket is not moved.
+fn check_place(blobs: &dyn Blobs, owner: &Owner) -> io::Result<()> {
+    if blobs.is_remote() || owner::read(blobs).is_ok_and(|theirs| theirs.database == owner.database) {
+        return Ok(());
+    }
+    let what = format!("the place of files {} is not the one that was opened", blobs.shown(""));
+    Err(io::Error::new(io::ErrorKind::TimedOut, what))
 }
 
 /// A few threads that call the storage.
@@ -364,6 +370,26 @@ mod tests {
         std::fs::remove_dir(&folder).unwrap();
         std::fs::rename(&away, &folder).unwrap();
         watched.remove(&names).unwrap();
+    }
+
+    #[test]
+    fn a_file_that_another_place_has_taken_is_not_published() {
+        let parent = tempfile::tempdir().unwrap();
+        let (folder, away) = (parent.path().join("files"), parent.path().join("away"));
+        std::fs::create_dir(&folder).unwrap();
+        let places: [Box<dyn Blobs>; 2] =
+            [Box::new(watched(&folder)), Box::new(Files::alone(folder.clone()))];
+        for (number, blobs) in places.iter().enumerate() {
+            std::fs::rename(&folder, &away).unwrap();
+            std::fs::create_dir(&folder).unwrap();
+            let name = format!("artifacts/{number}");
+            let staged = blobs.stage(&name).unwrap();
+            let error = blobs.publish(staged, &name, &|| false).unwrap_err();
+            assert!(is_passing(&error), "{error}");
+            std::fs::remove_dir_all(&folder).unwrap();
+            std::fs::rename(&away, &folder).unwrap();
+            blobs.publish(blobs.stage(&name).unwrap(), &name, &|| false).unwrap();
+        }
     }
 
     #[test]
