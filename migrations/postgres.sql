@@ -67,7 +67,11 @@ create table studies (
     -- Others can read it; the jobs of a shared study are shared too.
     shared       boolean          not null default false,
     -- Bytes that its request takes with the parts that its jobs share.
-    request_bytes bigint           not null default 0
+    request_bytes bigint           not null default 0,
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored
 );
 
 create index studies_open on studies (seq) where finished_at is null;
@@ -108,6 +112,10 @@ create table study_points (
     key_values    text collate "C" not null,
     -- Jobs that the stop rule has cancelled.
     stopped_early bigint           not null default 0,
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored,
     primary key (study, point)
 );
 
@@ -120,6 +128,10 @@ create table study_runs (
     outcome   text collate "C" not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text collate "C" not null,
     ended_at  bigint           not null,
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored,
     primary key (study, point, replicate)
 );
 
@@ -210,7 +222,11 @@ create table jobs (
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     bigint           not null default 1,
     -- Bytes that its request takes, without the part that it shares with other jobs of its study.
-    request_bytes    bigint           not null default 0
+    request_bytes    bigint           not null default 0,
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored
 );
 
 create index jobs_by_state on jobs (state, seq);
@@ -325,7 +341,11 @@ create table artifacts (
     format_revision bigint           not null,
     format_lengths  text collate "C" not null,
     -- The owner of the job: the row may be deleted after that of its job.
-    owner           text collate "C" not null default ''
+    owner           text collate "C" not null default '',
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored
 );
 
 -- Exports of finished packings: meshes, voxels, slices, lattice models. One row for each export of a job's result that
@@ -372,7 +392,11 @@ create table exports (
     lease_expires_at bigint,
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
-    max_attempts     bigint           not null default 3
+    max_attempts     bigint           not null default 3,
+    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
+    -- up with checksums.
+    copy text generated always as (null) stored,
+    is_whole bigint generated always as (1) stored
 );
 
 create unique index exports_by_key on exports (job, key);

@@ -62,7 +62,27 @@ create table studies (
     -- Others can read it; the jobs of a shared study are shared too.
     shared       integer not null default 0,
     -- Bytes that its request takes with the parts that its jobs share.
-    request_bytes integer not null default 0
+    request_bytes integer not null default 0,
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read.
+    copy text generated always as (
+        quote(id) || ' ' || quote(name) || ' ' || quote(labels) || ' ' || quote(seed) || ' ' ||
+        quote(columns) || ' ' || quote(key_columns) || ' ' || quote(points) || ' ' || quote(replicates) || ' ' ||
+        quote(stop_when) || ' ' || quote(queued) || ' ' || quote(running) || ' ' || quote(succeeded) || ' ' ||
+        quote(failed) || ' ' || quote(cancelled) || ' ' || quote(runs) || ' ' || quote(runs_time_s) || ' ' ||
+        quote(version) || ' ' || quote(created_at) || ' ' || quote(finished_at) || ' ' || quote(updated_at) || ' ' ||
+        quote(expires_at) || ' ' || quote(submitted_by) || ' ' || quote(owner) || ' ' || quote(shared) || ' ' ||
+        quote(request_bytes)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(id) || ' ' || quote(name) || ' ' || quote(labels) || ' ' || quote(seed) || ' ' ||
+        quote(columns) || ' ' || quote(key_columns) || ' ' || quote(points) || ' ' || quote(replicates) || ' ' ||
+        quote(stop_when) || ' ' || quote(queued) || ' ' || quote(running) || ' ' || quote(succeeded) || ' ' ||
+        quote(failed) || ' ' || quote(cancelled) || ' ' || quote(runs) || ' ' || quote(runs_time_s) || ' ' ||
+        quote(version) || ' ' || quote(created_at) || ' ' || quote(finished_at) || ' ' || quote(updated_at) || ' ' ||
+        quote(expires_at) || ' ' || quote(submitted_by) || ' ' || quote(owner) || ' ' || quote(shared) || ' ' ||
+        quote(request_bytes)
+    )) virtual
 ) strict;
 
 create index studies_open on studies (seq) where finished_at is null;
@@ -103,6 +123,14 @@ create table study_points (
     key_values    text    not null,
     -- Jobs that the stop rule has cancelled.
     stopped_early integer not null default 0,
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read.
+    copy text generated always as (
+        quote(study) || ' ' || quote(point) || ' ' || quote(key_values) || ' ' || quote(stopped_early)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(study) || ' ' || quote(point) || ' ' || quote(key_values) || ' ' || quote(stopped_early)
+    )) virtual,
     primary key (study, point)
 ) strict, without rowid;
 
@@ -115,6 +143,16 @@ create table study_runs (
     outcome   text    not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text    not null,
     ended_at  integer not null,
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read.
+    copy text generated always as (
+        quote(study) || ' ' || quote(point) || ' ' || quote(replicate) || ' ' || quote(outcome) || ' ' ||
+        quote(facts) || ' ' || quote(ended_at)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(study) || ' ' || quote(point) || ' ' || quote(replicate) || ' ' || quote(outcome) || ' ' ||
+        quote(facts) || ' ' || quote(ended_at)
+    )) virtual,
     primary key (study, point, replicate)
 ) strict, without rowid;
 
@@ -205,7 +243,37 @@ create table jobs (
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     integer not null default 1,
     -- Bytes that its request takes, without the part that it shares with other jobs of its study.
-    request_bytes    integer not null default 0
+    request_bytes    integer not null default 0,
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read.
+    copy text generated always as (
+        quote(id) || ' ' || quote(state) || ' ' || quote(name) || ' ' || quote(labels) || ' ' ||
+        quote(priority) || ' ' || quote(seed) || ' ' || quote(timeout_s) || ' ' || quote(attempt) || ' ' ||
+        quote(max_attempts) || ' ' || quote(attempt_budget) || ' ' || quote(cancel_requested) || ' ' ||
+        quote(finish_requested) || ' ' ||
+        quote(version) || ' ' || quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
+        quote(updated_at) || ' ' || quote(expires_at) || ' ' || quote(lease_expires_at) || ' ' ||
+        quote(engine) || ' ' || quote(progress) || ' ' || quote(error) || ' ' || quote(study) || ' ' ||
+        quote(point) || ' ' || quote(replicate) || ' ' || quote(turn) || ' ' || quote(not_before) || ' ' ||
+        quote(waits_for) || ' ' || quote(faults) || ' ' || quote(owner) || ' ' || quote(method) || ' ' ||
+        quote(warnings) || ' ' || quote(submitted_by) || ' ' || quote(shared) || ' ' || quote(worker) || ' ' ||
+        quote(worker_key) || ' ' || quote(claim) || ' ' || quote(received_at) || ' ' || quote(forecast_us) || ' ' ||
+        quote(least_time_us) || ' ' || quote(threads) || ' ' || quote(most_threads) || ' ' || quote(request_bytes)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(id) || ' ' || quote(state) || ' ' || quote(name) || ' ' || quote(labels) || ' ' ||
+        quote(priority) || ' ' || quote(seed) || ' ' || quote(timeout_s) || ' ' || quote(attempt) || ' ' ||
+        quote(max_attempts) || ' ' || quote(attempt_budget) || ' ' || quote(cancel_requested) || ' ' ||
+        quote(finish_requested) || ' ' ||
+        quote(version) || ' ' || quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
+        quote(updated_at) || ' ' || quote(expires_at) || ' ' || quote(lease_expires_at) || ' ' ||
+        quote(engine) || ' ' || quote(progress) || ' ' || quote(error) || ' ' || quote(study) || ' ' ||
+        quote(point) || ' ' || quote(replicate) || ' ' || quote(turn) || ' ' || quote(not_before) || ' ' ||
+        quote(waits_for) || ' ' || quote(faults) || ' ' || quote(owner) || ' ' || quote(method) || ' ' ||
+        quote(warnings) || ' ' || quote(submitted_by) || ' ' || quote(shared) || ' ' || quote(worker) || ' ' ||
+        quote(worker_key) || ' ' || quote(claim) || ' ' || quote(received_at) || ' ' || quote(forecast_us) || ' ' ||
+        quote(least_time_us) || ' ' || quote(threads) || ' ' || quote(most_threads) || ' ' || quote(request_bytes)
+    )) virtual
 ) strict;
 
 create index jobs_by_state on jobs (state, seq);
@@ -320,7 +388,17 @@ create table artifacts (
     format_revision integer not null,
     format_lengths  text    not null,
     -- The owner of the job: the row may be deleted after that of its job.
-    owner           text    not null default ''
+    owner           text    not null default '',
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read. The report has a digest.
+    copy text generated always as (
+        quote(attempt) || ' ' || quote(path) || ' ' || quote(bytes) || ' ' || quote(sha256) || ' ' ||
+        quote(report_digest) || ' ' || quote(format_revision) || ' ' || quote(format_lengths) || ' ' || quote(owner)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(attempt) || ' ' || quote(path) || ' ' || quote(bytes) || ' ' || quote(sha256) || ' ' ||
+        quote(report_digest) || ' ' || quote(format_revision) || ' ' || quote(format_lengths) || ' ' || quote(owner)
+    )) virtual
 ) strict;
 
 -- Exports of finished packings: meshes, voxels, slices, lattice models. One row for each export of a job's result that
@@ -367,7 +445,27 @@ create table exports (
     lease_expires_at integer,
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
-    max_attempts     integer not null default 3
+    max_attempts     integer not null default 3,
+    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
+    -- the row is read.
+    copy text generated always as (
+        quote(id) || ' ' || quote(job) || ' ' || quote(key) || ' ' || quote(type) || ' ' || quote(options) || ' ' ||
+        quote(kept) || ' ' || quote(quick) || ' ' || quote(rank) || ' ' || quote(state) || ' ' ||
+        quote(attempt) || ' ' || quote(version) || ' ' || quote(progress) || ' ' || quote(path) || ' ' ||
+        quote(bytes) || ' ' || quote(sha256) || ' ' || quote(report) || ' ' || quote(error) || ' ' ||
+        quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
+        quote(updated_at) || ' ' || quote(used_at) || ' ' || quote(not_before) || ' ' || quote(faults) || ' ' ||
+        quote(owner) || ' ' || quote(lease_expires_at) || ' ' || quote(max_attempts)
+    ) stored,
+    is_whole integer generated always as (copy is (
+        quote(id) || ' ' || quote(job) || ' ' || quote(key) || ' ' || quote(type) || ' ' || quote(options) || ' ' ||
+        quote(kept) || ' ' || quote(quick) || ' ' || quote(rank) || ' ' || quote(state) || ' ' ||
+        quote(attempt) || ' ' || quote(version) || ' ' || quote(progress) || ' ' || quote(path) || ' ' ||
+        quote(bytes) || ' ' || quote(sha256) || ' ' || quote(report) || ' ' || quote(error) || ' ' ||
+        quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
+        quote(updated_at) || ' ' || quote(used_at) || ' ' || quote(not_before) || ' ' || quote(faults) || ' ' ||
+        quote(owner) || ' ' || quote(lease_expires_at) || ' ' || quote(max_attempts)
+    )) virtual
 ) strict;
 
 create unique index exports_by_key on exports (job, key);

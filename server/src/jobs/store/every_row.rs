@@ -33,8 +33,8 @@ const STUDIES: &str = concat!(
 );
 const EXPORTS: &str = select_exports!("where exports.seq > ? order by exports.seq limit 200");
 const MESSAGES: &str = "select seq, id, body from webhook_deliveries where seq > ? order by seq limit 200";
-const POINTS: &str = "select point, key_values from study_points where study = ?";
-const RUNS: &str = "select point, facts, outcome from study_runs where study = ?";
+const POINTS: &str = "select point, key_values, is_whole from study_points where study = ?";
+const RUNS: &str = "select point, facts, outcome, is_whole from study_runs where study = ?";
 
 /// Reads every row.
 ///
@@ -63,11 +63,13 @@ pub(crate) async fn read_every_row(database: &Database) -> Result<RowsRead, Stor
     for (study, id) in studies {
         found
             .read_of_study(&readers, (study, &id), ("study_points", POINTS), |row| {
+                rows::check_whole(row, "is_whole")?;
                 rows::json::<Vec<Value>>(row.text("key_values")?).map(drop)
             })
             .await?;
         found
             .read_of_study(&readers, (study, &id), ("study_runs", RUNS), |row| {
+                rows::check_whole(row, "is_whole")?;
                 super::studies::runs::outcome(row.text("outcome")?)?;
                 rows::json::<crate::studies::Facts>(row.text("facts")?).map(drop)
             })

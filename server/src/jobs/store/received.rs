@@ -240,7 +240,8 @@ impl Received {
             ReceivedEnd::Failure(rows::json(&failure)?)
         } else {
             let row = query(
-                "select path, bytes, sha256, report, report_digest, format_revision, format_lengths from artifacts where job = ?",
+                "select path, bytes, sha256, report, report_digest, format_revision, format_lengths,
+                     is_whole as artifact_is_whole from artifacts where job = ?",
             )
             .bind(lease.seq)
             .fetch_one(tx)

@@ -19,7 +19,8 @@ macro_rules! select_jobs {
     ($more:expr, $tail:literal) => {
         concat!(
             "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report, ",
-            "artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths, studies.id as study_id",
+            "artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths, ",
+            "artifacts.is_whole as artifact_is_whole, studies.id as study_id",
             $more,
             " ",
             "from jobs left join artifacts on artifacts.job = jobs.seq ",
@@ -30,8 +31,17 @@ macro_rules! select_jobs {
 }
 pub(super) use select_jobs;
 
+/// Makes sure that a row is the one that was stored: the database has it twice, and compares the two in this column.
+pub(super) fn check_whole(row: &Row, column: &str) -> Result<(), StoreError> {
+    match row.try_get::<i64>(column)? {
+        1 => Ok(()),
+        _ => Err(StoreError::Row("it is not the row that was stored".into())),
+    }
+}
+
 /// Reads a row of [`select_jobs!`].
 pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
+    check_whole(row, "is_whole")?;
     let state = state(row.text("state")?)?;
     // What a worker process has sent of a job that still runs is not checked yet: see `received`.
     let is_running = state == State::Running;
@@ -93,8 +103,9 @@ pub(super) fn stop_requests(row: &Row) -> Result<StopRequests, StoreError> {
     Ok(StopRequests { cancel: row.try_get("cancel_requested")?, finish: row.try_get("finish_requested")? })
 }
 
-/// Reads the columns of a row of `artifacts`.
+/// Reads the columns of a row of `artifacts`, whose `is_whole` is named `artifact_is_whole`.
 pub(super) fn artifact(row: &Row) -> Result<ArtifactRecord, StoreError> {
+    check_whole(row, "artifact_is_whole")?;
     Ok(ArtifactRecord {
         path: row.try_get("path")?,
         bytes: row.try_get::<i64>("bytes")? as u64,

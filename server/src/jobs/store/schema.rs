@@ -225,6 +225,28 @@ mod tests {
         assert_eq!(mode, 2, "incremental");
     }
 
+    #[tokio::test]
+    async fn the_copy_of_a_row_has_every_column() {
+        let (_folder, store) = fresh_file().await;
+        let rows = query(
+            "select t.name, c.name as column, t.sql from sqlite_schema as t join pragma_table_info(t.name) as c
+             where t.type = 'table' and t.sql like '%is_whole integer%'",
+        )
+        .fetch_all(store.readers())
+        .await
+        .unwrap();
+        let mut tables = std::collections::BTreeSet::new();
+        for row in &rows {
+            let (table, column) = (row.text("name").unwrap(), row.text("column").unwrap());
+            tables.insert(table);
+            // The number of the row, by which it is found, and the report, which has a digest.
+            let is_apart = matches!((table, column), (_, "seq") | ("artifacts", "job" | "report"));
+            let copies = row.text("sql").unwrap().matches(&format!("quote({column})")).count();
+            assert_eq!(copies, if is_apart { 0 } else { 2 }, "{table}.{column}");
+        }
+        assert!(tables.len() == 6 && rows.len() > 110, "{tables:?} {}", rows.len());
+    }
+
     #[cfg(feature = "postgres")]
     #[tokio::test]
     async fn both_databases_have_the_same_columns_indices_and_triggers() {

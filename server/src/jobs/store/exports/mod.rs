@@ -35,6 +35,7 @@ pub(super) use select_exports;
 
 /// Reads a row of [`select_exports!`].
 pub(super) fn export(row: &Row) -> Result<ExportRecord, StoreError> {
+    rows::check_whole(row, "is_whole")?;
     let file = match row.try_get::<Option<String>>("path")? {
         None => None,
         Some(path) => Some(StoredFile {

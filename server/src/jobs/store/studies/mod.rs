@@ -117,6 +117,7 @@ impl StudyRecord {
     }
 
     pub(super) fn read(row: &Row) -> Result<Self, StoreError> {
+        rows::check_whole(row, "is_whole")?;
         let count = |column| row.try_get::<i64>(column).map(|count| count as u64);
         Ok(Self {
             seq: row.try_get("seq")?,

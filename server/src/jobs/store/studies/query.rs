@@ -123,15 +123,17 @@ impl Store {
     pub(crate) async fn study_table(&self, study: &StudyRecord) -> Result<Table, StoreError> {
         // One snapshot for both: a run must not be missing because it ended between them.
         let mut tx = self.readers().begin().await?;
-        let points =
-            query("select key_values, stopped_early from study_points where study = ? order by point")
+        let points = query(
+            "select key_values, stopped_early, is_whole from study_points where study = ? order by point",
+        )
+        .bind(study.seq)
+        .fetch_all(&mut tx)
+        .await?;
+        let ended =
+            query("select point, replicate, outcome, facts, is_whole from study_runs where study = ?")
                 .bind(study.seq)
                 .fetch_all(&mut tx)
                 .await?;
-        let ended = query("select point, replicate, outcome, facts from study_runs where study = ?")
-            .bind(study.seq)
-            .fetch_all(&mut tx)
-            .await?;
         tx.commit().await?;
         let key_columns = study.key_columns.clone();
         let replicates = u64::from(study.replicates);
@@ -146,6 +148,7 @@ impl Store {
                 }
             }
             for (row, ended) in points.iter().zip(ended) {
+                rows::check_whole(row, "is_whole")?;
                 keys.values.push(rows::json(row.text("key_values")?)?);
                 let stopped_early = row.try_get::<i64>("stopped_early")? as u64;
                 rest.push(Rest { waiting: replicates.saturating_sub(ended + stopped_early), stopped_early });
@@ -173,6 +176,7 @@ impl Store {
 }
 
 fn run(row: &Row) -> Result<Run, StoreError> {
+    rows::check_whole(row, "is_whole")?;
     Ok(Run {
         point: row.try_get::<u32>("point")? as usize,
         replicate: row.try_get::<u32>("replicate")? as usize,
