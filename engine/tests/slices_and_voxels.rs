@@ -11,7 +11,7 @@ use packstone_engine::{
     Limits, PackingRequest, Solids, Unattended,
     distance::DistanceRule,
     export::{slice, voxels},
-    methods::rsa_shapes::ShapeRsa,
+    methods::rsa_shapes::{AttemptsIn, ShapeRsa},
     mix::uniform_orientation,
     pack,
     request::{Boundary, Distance, Specimen},
