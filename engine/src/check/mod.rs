@@ -66,8 +66,8 @@ pub enum Scope {
     WithoutPairs,
 }
 
-/// What a packing has of the grains that its mix asks for: all of them at their sizes, unless its run was ended early or
-/// its volume fraction was to be as large as possible.
+/// What a packing has of the grains that its mix asks for: all of them at their sizes, unless its run was ended early
+/// or its volume fraction was to be as large as possible.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// The factor on the sizes of all grains.

@@ -1,8 +1,8 @@
 //! What a request amounts to whose volume fraction is to be as large as possible.
 //!
 //! Numbers of grains are drawn for the volume fraction at which growth is expected to jam, coating included, which is
-//! that of the fitted [`model`](super::model). The coated volume of a grading is proportional to its volume fraction, so
-//! that a few steps find it. An explicit list has its numbers; for it the factor on all sizes is found, which the
+//! that of the fitted [`model`](super::model). The coated volume of a grading is proportional to its volume fraction,
+//! so that a few steps find it. An explicit list has its numbers; for it the factor on all sizes is found, which the
 //! distances do not share.
 
 use super::estimate::Case;

@@ -18,8 +18,8 @@ pub(super) fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyErro
     VerifyError::wrong(format!("{name} is {found}: must be from 0 to {most}"))
 }
 
-/// Whether what a result says of the end of its run agrees with the request, of which it has so many grains; `found` are
-/// those of the packing.
+/// Whether what a result says of the end of its run agrees with the request, of which it has so many grains; `found`
+/// are those of the packing.
 pub(super) fn judge_kept(
     request: &PackingRequest,
     report: &Report,

@@ -192,8 +192,8 @@ impl Earlier {
     }
 }
 
-/// The request that a complete file of a result states, and whether the result is partial; `None` where there is no such
-/// file, or its format has none.
+/// The request that a complete file of a result states, and whether the result is partial; `None` where there is no
+/// such file, or its format has none.
 fn request_in(file: &Path, format: ResultFormat) -> Option<(Value, bool)> {
     #[derive(Deserialize)]
     struct Document {
