@@ -50,6 +50,7 @@ mod migrate_store;
 mod models;
 mod moved_store;
 mod operations;
+mod packing_files;
 mod packings;
 mod partial;
 mod planning;

@@ -29,7 +29,11 @@ const OPTIONS = {
   boundary_nodes: { label: "Boundary nodes", choices: ["poisson_disk", "random"] },
   seed: { label: "Seed of the boundary nodes", value: 0 },
   surface_radius: { label: "Radius of boundary nodes", unit: "d_min", hint: "half the diameter when empty" },
-  closer_than_mm: { label: "Pairs closer than", unit: "mm", hint: "a tenth of the smallest diameter when empty" },
+  closer_than_mm: {
+    label: "Pairs and walls closer than",
+    unit: "mm",
+    hint: "a tenth of the smallest diameter beyond its gap when empty",
+  },
 };
 
 /** What an export is, by its type. @type {Record<string, string>} */
@@ -38,7 +42,7 @@ export const TYPES = {
   voxels: "Voxel model",
   slice: "Cross-section",
   ldpm: "Lattice discrete particle model",
-  certificates: "Proofs that close pairs do not overlap",
+  certificates: "Proofs that close grains keep their gaps",
   shapes: "Shapes of the grains",
   quality: "Quality: is the packing random",
 };

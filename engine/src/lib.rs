@@ -51,6 +51,7 @@ pub mod shape;
 mod sorting;
 pub mod specimen;
 mod summed;
+mod template_cache;
 mod threads;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
@@ -60,7 +61,8 @@ pub use memory::OutOfMemory;
 pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
-pub use run::{VerifyError, checked_as, pack, pack_or_resume, verify, verify_failure};
+pub use run::{VerifyError, checked_as, inspect, pack, pack_or_resume, verify, verify_failure};
+pub use template_cache::TemplateCache;
 
 /// Version of the engine, recorded in every result.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");

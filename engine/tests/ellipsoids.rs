@@ -8,7 +8,7 @@ use packstone_engine::request::{Distance, Method, MonteCarloStop};
 use packstone_engine::shape::{Ellipsoid, Pose};
 use packstone_engine::{
     Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, TargetNotReached,
-    Unattended, pack, pack_or_resume,
+    TemplateCache, Unattended, pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -254,7 +254,9 @@ fn goes_on_from_a_checkpoint(kind: &str) {
     assert!(matches!(stopped, PackError::Stopped { .. }), "{stopped}");
     let checkpoint = stopper.0.into_inner().unwrap();
     let resume = Resume::read_from(&mut &checkpoint[..], &request).unwrap();
-    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    let resumed =
+        pack_or_resume(&request, &Limits::default(), &TemplateCache::default(), Some(resume), &Unattended)
+            .unwrap();
     assert_eq!(resumed.grains, whole.grains);
     assert_eq!(resumed.report.statistics.monte_carlo.unwrap().resumes, 1);
 }

@@ -4,8 +4,8 @@ use std::sync::Mutex;
 
 use packstone_engine::packing::{SegregationReport, Separation};
 use packstone_engine::{
-    Checkpoint, Control, Limits, Packing, PackingRequest, Plan, Progress, Resume, Unattended, pack,
-    pack_or_resume,
+    Checkpoint, Control, Limits, Packing, PackingRequest, Plan, Progress, Resume, TemplateCache, Unattended,
+    pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -208,7 +208,9 @@ fn a_run_that_was_interrupted_ends_as_it_would_have() {
     let kept = keeping.0.into_inner().unwrap();
     assert!(kept.len() > 2);
     let resume = Resume::read_from(&mut &kept[kept.len() / 2][..], &request).unwrap();
-    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    let resumed =
+        pack_or_resume(&request, &Limits::default(), &TemplateCache::default(), Some(resume), &Unattended)
+            .unwrap();
     assert_eq!(resumed.spheres().unwrap(), whole.spheres().unwrap());
     assert_eq!(resumed.report.segregation, whole.report.segregation);
 }
@@ -286,7 +288,9 @@ fn growth_of_shapes_along_a_gradient_goes_on_from_a_checkpoint_to_the_same_packi
     let kept = keeping.0.into_inner().unwrap();
     assert!(kept.len() > 2);
     let resume = Resume::read_from(&mut &kept[kept.len() / 2][..], &request).unwrap();
-    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    let resumed =
+        pack_or_resume(&request, &Limits::default(), &TemplateCache::default(), Some(resume), &Unattended)
+            .unwrap();
     assert_eq!(resumed.grains, whole.grains);
     assert_eq!(resumed.report.segregation, whole.report.segregation);
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 26] = [
+const LAYERS: [&str; 27] = [
     "arrays",
     "cpu",
     "elementary",
@@ -31,6 +31,7 @@ const LAYERS: [&str; 26] = [
     "check",
     "analysis",
     "export",
+    "template_cache",
     "run",
 ];
 
@@ -57,6 +58,7 @@ fn module_of(name: &str) -> &str {
         "Grains" | "Packing" | "Report" | "Solids" | "Spheres" => "packing",
         "Plan" | "Limits" => "plan",
         "PackingRequest" | "FieldError" => "request",
+        "TemplateCache" => "template_cache",
         other => other,
     }
 }

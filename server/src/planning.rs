@@ -1,25 +1,21 @@
 //! Plans of requests, and what several requests have in common: their plans, and the templates of angular grains.
 //!
-//! The templates are what a plan of polyhedra costs: drawing and measuring 128 of them takes 0.3 s. They follow from
-//! the shape alone, and a plan from everything but the seed, so that both are kept by digests of these. A kept plan is
-//! equal to a new one in every bit. Both caches are bounded in bytes; the least recently used entries leave first.
+//! The templates are what a plan of polyhedra costs; they are kept by the engine's [`TemplateCache`], which the runs of
+//! the process use as well. A plan follows from everything but the seed, and is kept by the digest of this. A kept plan
+//! is equal to a new one in every bit. The cache is bounded in bytes; the least recently used entries leave first.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use packstone_engine::request::{GrainShape, Mix, PackingRequest, PlainShape, ShapeMixture};
-use packstone_engine::shape::polyhedron::DrawnTemplates;
-use packstone_engine::{Limits, Plan, PlanError};
+use packstone_engine::request::PackingRequest;
+use packstone_engine::{Limits, Plan, PlanError, TemplateCache};
 use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
 /// Most bytes of the kept plans.
 const PLAN_BYTES: usize = 8 << 20;
-/// Most bytes of the kept templates: some 30 mixes of 128 templates of 60 faces.
-const TEMPLATE_BYTES: usize = 48 << 20;
-/// Bytes of a polyhedron beside its vertices and faces, with the room of its allocations.
-const BYTES_PER_BODY: usize = 600;
-/// The same of a plan, beside its classes and texts.
+/// Bytes of a plan beside its classes and texts.
 const BYTES_PER_PLAN: usize = 600;
 
 /// Whether a plan proposes what else the specimen could hold, which takes a while.
@@ -35,20 +31,25 @@ type Key = [u8; 32];
 #[derive(Debug)]
 pub(crate) struct Planner {
     plans: Mutex<Cache<Arc<Plan>>>,
-    templates: Mutex<Cache<DrawnTemplates>>,
+    templates: Arc<TemplateCache>,
 }
 
 impl Default for Planner {
     fn default() -> Self {
-        Self { plans: Mutex::new(Cache::new(PLAN_BYTES)), templates: Mutex::new(Cache::new(TEMPLATE_BYTES)) }
+        Self::new(Arc::default())
     }
 }
 
 impl Planner {
+    /// A planner with the templates that others use.
+    pub(crate) fn new(templates: Arc<TemplateCache>) -> Self {
+        Self { plans: Mutex::new(Cache::new(PLAN_BYTES)), templates }
+    }
+
     /// The plan of a request.
     ///
     /// # Errors
-    /// Those of [`Plan::new`].
+    /// Those of [`TemplateCache::plan`].
     pub(crate) fn plan(
         &self,
         request: &PackingRequest,
@@ -59,12 +60,9 @@ impl Planner {
         if let Some(plan) = key.and_then(|key| locked(&self.plans).get(&key)) {
             return Ok(Plan::clone(&plan));
         }
-        let mut request = self.with_templates(request);
-        let planned = Plan::new(&request, limits);
-        self.keep_templates(&mut request);
-        let mut plan = planned?;
+        let mut plan = self.templates.plan(request, limits)?;
         if proposal == Proposal::Made {
-            plan = plan.with_proposal(&request);
+            plan = plan.with_proposal(&self.with_templates(request));
         }
         if let Some(key) = key {
             let bytes = plan_bytes(&plan);
@@ -78,30 +76,9 @@ impl Planner {
         plan_key(request, limits, proposal).is_some_and(|key| locked(&self.plans).get(&key).is_some())
     }
 
-    /// The request with the templates that are kept. Those that it draws are its own: its original holds none.
-    pub(crate) fn with_templates(&self, request: &PackingRequest) -> PackingRequest {
-        let mut request = request.clone();
-        // Equal shapes of one mix share their templates, too.
-        let mut own: HashMap<Key, DrawnTemplates> = HashMap::new();
-        for shape in polyhedra(&mut request.mix) {
-            let Some(key) = template_key(shape) else { continue };
-            let kept = || locked(&self.templates).get(&key).unwrap_or_default();
-            if let PlainShape::Polyhedron { drawn, .. } = shape {
-                *drawn = own.entry(key).or_insert_with(kept).clone();
-            }
-        }
-        request
-    }
-
-    /// Keeps the templates that were drawn for a request of [`with_templates`](Self::with_templates).
-    fn keep_templates(&self, request: &mut PackingRequest) {
-        for shape in polyhedra(&mut request.mix) {
-            let PlainShape::Polyhedron { drawn, .. } = &*shape else { continue };
-            let bytes = template_bytes(drawn);
-            if let Some(key) = template_key(shape).filter(|_| bytes > 0) {
-                locked(&self.templates).put(key, drawn.clone(), bytes);
-            }
-        }
+    /// The request with the templates that are kept. Those that it draws are kept: its original holds none.
+    pub(crate) fn with_templates<'a>(&self, request: &'a PackingRequest) -> Cow<'a, PackingRequest> {
+        self.templates.attached(request)
     }
 }
 
@@ -119,48 +96,11 @@ fn plan_key(request: &PackingRequest, limits: &Limits, proposal: Proposal) -> Op
     key(&(specimen, mix, distance, method, segregation), &format!("{limits:?} {proposal:?}"))
 }
 
-fn template_key(shape: &PlainShape) -> Option<Key> {
-    key(shape, "")
-}
-
 fn key(content: &impl Serialize, more: &str) -> Option<Key> {
     let mut digest = Sha256::new();
     digest.update(serde_json::to_vec(content).ok()?);
     digest.update(more);
     Some(digest.finalize().into())
-}
-
-/// The shapes of a mix that have templates.
-fn polyhedra(mix: &mut Mix) -> impl Iterator<Item = &mut PlainShape> {
-    let of_aggregates = mix.aggregates.iter_mut().flat_map(|aggregate| {
-        aggregate.shape.iter_mut().chain(aggregate.shapes.iter_mut().map(|class| &mut class.shape))
-    });
-    let of_all = mix.shape.iter_mut().chain(mix.shapes.iter_mut().map(|class| &mut class.shape));
-    of_all
-        .chain(of_aggregates)
-        .flat_map(plain_shapes)
-        .filter(|shape| matches!(shape, PlainShape::Polyhedron { .. }))
-}
-
-fn plain_shapes(shape: &mut GrainShape) -> Vec<&mut PlainShape> {
-    match shape {
-        GrainShape::Plain(shape) => vec![shape],
-        GrainShape::Mixture(ShapeMixture::Mixture { of }) => {
-            of.iter_mut().map(|part| &mut part.shape).collect()
-        }
-    }
-}
-
-/// About what templates take in memory; 0 where none were drawn.
-fn template_bytes(templates: &DrawnTemplates) -> usize {
-    let of_faces = |faces: &[Vec<u32>]| {
-        faces.iter().map(|face| size_of::<Vec<u32>>() + 16 + 4 * face.len()).sum::<usize>()
-    };
-    // Vertices are stored twice: as they are, and in the principal axes.
-    let of_body = |body: &packstone_engine::shape::Polyhedron| {
-        BYTES_PER_BODY + 2 * size_of_val(body.vertices()) + of_faces(body.faces())
-    };
-    templates.bodies().iter().map(of_body).sum()
 }
 
 fn plan_bytes(plan: &Plan) -> usize {
@@ -280,7 +220,7 @@ mod tests {
         }
         // Two fractions, each with and without a proposal; one shape, though the mix names it three times.
         assert_eq!(locked(&planner.plans).entries.len(), 4);
-        assert_eq!(locked(&planner.templates).entries.len(), 1);
+        assert_eq!(planner.templates.templates(), 3);
     }
 
     #[test]
@@ -292,28 +232,8 @@ mod tests {
         assert!(planner.plan(&request_of(&polyhedron(2, 0)), &narrow, Proposal::None).is_err());
         for shape in [polyhedron(2, 1), polyhedron(3, 0)] {
             assert!(!planner.has_plan(&request_of(&shape), &limits, Proposal::None));
-            let drawn = planner.with_templates(&request_of(&shape));
-            assert_eq!(drawn, request_of(&shape));
-            assert!(polyhedra(&mut drawn.mix.clone()).all(|shape| {
-                matches!(shape, PlainShape::Polyhedron { drawn, .. } if drawn.bodies().is_empty())
-            }));
+            assert_eq!(*planner.with_templates(&request_of(&shape)), request_of(&shape));
         }
-    }
-
-    #[test]
-    fn a_request_does_not_hold_the_templates_of_its_plan() {
-        let (planner, limits) = (Planner::default(), Limits::default());
-        let mut request = request(&polyhedron(2, 0), 0.3, 1);
-        planner.plan(&request, &limits, Proposal::None).unwrap();
-        let held = |shape: &mut PlainShape| match shape {
-            PlainShape::Polyhedron { drawn, .. } => template_bytes(drawn),
-            _ => 0,
-        };
-        assert_eq!(polyhedra(&mut request.mix).map(held).sum::<usize>(), 0);
-        let mut shared = planner.with_templates(&request);
-        let bytes: Vec<usize> = polyhedra(&mut shared.mix).map(held).collect();
-        assert_eq!(bytes.len(), 3);
-        assert!(bytes.iter().all(|bytes| (2 * BYTES_PER_BODY..50_000).contains(bytes)), "{bytes:?}");
     }
 
     #[test]

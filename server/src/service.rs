@@ -221,7 +221,8 @@ impl Service {
         let here = Here { store, storage, limits, max_run_s: options.max_run_s };
         let source = Source::Here(here.clone());
         let slots = Slots::new(options.workers());
-        let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics };
+        let templates = Arc::default();
+        let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics, templates };
         let connected = Arc::clone(&connections);
         let files = OperatorFiles { accounts, webhook_secrets, audit };
         let app = App::new(&options, &packings, shutdown.clone(), &here, files.clone(), connected);

@@ -19,6 +19,9 @@ pub(super) trait Convex: Sync {
     /// Diameter of the sphere of equal volume.
     fn equivalent_diameter(&self) -> f64;
 
+    /// The support function: how far the body reaches from its centre along a unit vector.
+    fn reach(&self, direction: &Vector3<f64>) -> f64;
+
     /// Whether this body and an image of another keep a gap. A pair that is surely at least `enough` apart is clear.
     fn judge(&self, other: &Self, image: &Image, required: f64, enough: f64) -> Verdict;
 
@@ -38,6 +41,10 @@ impl Convex for Ellipsoid {
 
     fn equivalent_diameter(&self) -> f64 {
         self.equivalent_diameter
+    }
+
+    fn reach(&self, direction: &Vector3<f64>) -> f64 {
+        direction.dot(&(self.matrix * direction)).max(0.0).sqrt()
     }
 
     #[inline(always)]
@@ -94,6 +101,16 @@ impl Convex for Body<'_> {
         match self {
             Self::Ellipsoid(body) => body.equivalent_diameter,
             Self::Polyhedron(body) => body.equivalent_diameter,
+        }
+    }
+
+    fn reach(&self, direction: &Vector3<f64>) -> f64 {
+        match self {
+            Self::Ellipsoid(body) => body.reach(direction),
+            Self::Polyhedron(body) => {
+                let along = body.points.iter().map(|p| (p - body.center).dot(direction));
+                along.fold(f64::NEG_INFINITY, f64::max) + body.rounding
+            }
         }
     }
 

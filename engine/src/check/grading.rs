@@ -34,8 +34,6 @@ use crate::sorting;
 const ROUNDING: f64 = 1.0e-9;
 /// Largest relative error of a size that was computed from the dimensions of a body in closed form.
 pub(super) const SIZE_ERROR: f64 = 1.0e-12;
-/// Largest relative error of a sieve size that was searched for.
-pub(super) const SIEVE_ERROR: f64 = 1.0e-5;
 /// Principal sizes of ISO 565 that concrete laboratories use, in mm.
 const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
@@ -473,6 +471,7 @@ fn check_cumulative(
 mod tests {
     use serde_json::{Value, json};
 
+    use super::super::SIEVE_ERROR;
     use super::super::sieve::sieve_size;
     use super::*;
     use crate::mix::GradedMix;

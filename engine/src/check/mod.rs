@@ -9,7 +9,7 @@
 //!
 //! Of bodies that are not spheres, [`check_solids`] requires that their surfaces keep the gap of the diameters of equal
 //! volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which
-//! [`certify_shapes`] returns for anyone to evaluate again.
+//! [`certify_shapes`] returns for anyone to evaluate again. Sieve sizes of polyhedra are proven ([`SieveSizes`]).
 //!
 //! ```
 //! use packstone_engine::{PackingRequest, Spheres, check::check};
@@ -46,12 +46,15 @@ mod table;
 mod walk;
 mod walls;
 
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
+use std::sync::{Mutex, PoisonError};
 
 use crate::control::{Control, Phase, Progress};
 use crate::memory::OutOfMemory;
 use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef};
 use crate::request::PackingRequest;
+use crate::shape::Polyhedron;
 
 pub use solids::{certify, certify_shapes, check_shapes, check_solids};
 pub use spheres::{check, check_with};
@@ -81,8 +84,118 @@ impl Extent {
     pub const WHOLE: Self = Self { size_scale: 1.0, has_all_grains: true };
 }
 
-/// Checks a packing of any kind of grains against its request, on so many threads. What is found does not depend on the
-/// threads. Gaps are checked at the sizes that the grains have; that these are those of the mix, by its extent.
+/// Largest relative difference of two sieve sizes of a template: that which was found for it, and the proven one.
+const SIEVE_ERROR: f64 = 1.0e-9;
+/// Most sieve sizes that are kept; each takes some kilobytes.
+const MOST_SIEVE_SIZES: usize = 4096;
+
+/// The sieve sizes of templates that the check has proven by its own search, for further checks: a search takes about a
+/// millisecond. Whoever checks several packings owns one and hands it in.
+#[derive(Debug, Default)]
+pub struct SieveSizes {
+    /// By the numbers that describe a template.
+    proven: Mutex<BTreeMap<Vec<u64>, f64>>,
+}
+
+impl SieveSizes {
+    /// The sieve size of a template, in its units, once it is proven that the template passes no smaller square, and
+    /// that it passes a square of this size whose directions the template states
+    /// ([`Polyhedron::sieve_passage`]). The latter is computed each time.
+    ///
+    /// # Errors
+    /// [`Fault::SieveSize`] where the two differ by a share of more than 1e-9.
+    pub fn proven(&self, template: &Polyhedron) -> Result<f64, Fault> {
+        let key = key_of(template);
+        let known = self.proven.lock().unwrap_or_else(PoisonError::into_inner).get(&key).copied();
+        let proven = known.unwrap_or_else(|| {
+            let size = sieve::sieve_size(template);
+            let mut proven = self.proven.lock().unwrap_or_else(PoisonError::into_inner);
+            if proven.len() >= MOST_SIEVE_SIZES {
+                proven.clear();
+            }
+            proven.insert(key, size);
+            size
+        });
+        let found = template.sieve_passage();
+        let agrees = (found.size - proven).abs() <= SIEVE_ERROR * proven;
+        if agrees && sieve::passes(template, found.size, &found.sides, SIEVE_ERROR) {
+            Ok(proven)
+        } else {
+            Err(Fault::SieveSize { found: found.size, proven })
+        }
+    }
+
+    /// Number of sizes that are kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.proven.lock().unwrap_or_else(PoisonError::into_inner).len()
+    }
+
+    /// Whether none is kept.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// The numbers that describe a template.
+fn key_of(template: &Polyhedron) -> Vec<u64> {
+    let vertices = template.vertices().iter().flat_map(|vertex| [vertex.x, vertex.y, vertex.z]);
+    let faces = template.faces().iter().flat_map(|face| {
+        std::iter::once(face.len() as u64).chain(face.iter().map(|&vertex| u64::from(vertex)))
+    });
+    let numbers = std::iter::once(template.rounding()).chain(vertices).map(f64::to_bits);
+    numbers.chain(faces).collect()
+}
+
+/// The smallest gaps of a packing, with the grains that have them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Gaps {
+    /// Smallest clear distance between two grains; `None` where there is one grain only.
+    pub min_gap_mm: Option<f64>,
+    /// The rows of these grains; twice the same where a grain is nearest to its own periodic image.
+    pub closest: Option<[usize; 2]>,
+    /// Smallest excess of a pair's clear distance over what its rule demands.
+    pub min_excess_gap_mm: Option<f64>,
+    /// Smallest clear distance from a grain to a wall; `None` in a periodic box.
+    pub min_wall_gap_mm: Option<f64>,
+    /// The row of that grain.
+    pub closest_to_wall: Option<usize>,
+    /// Pairs whose distance was computed.
+    pub pairs_checked: u64,
+}
+
+/// What was found in a packing whose grains are bodies, keep their gaps and lie in the specimen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inspection {
+    /// The smallest gaps.
+    pub gaps: Gaps,
+    /// What a check says whose grains are those of the mix, or why they are not.
+    pub grading: Result<Check, Fault>,
+}
+
+/// Checks a packing as [`check_grains`] does, and tells of its gaps whether or not the grains are those of the mix.
+///
+/// # Errors
+/// The first fault found but for [`Fault::Grading`], or [`Fault::Stopped`].
+pub fn inspect<'a>(
+    grains: impl Into<GrainsRef<'a>>,
+    request: &PackingRequest,
+    extent: Extent,
+    sieve_sizes: &SieveSizes,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<Inspection, Fault> {
+    let walk = &walk::Walk { threads, control };
+    match grains.into() {
+        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, Scope::All, walk),
+        GrainsRef::Solids(solids) => solids::judge(solids, (request, extent), Scope::All, sieve_sizes, walk),
+    }
+}
+
+/// Checks a packing of any kind of grains against its request, on so many threads, with the sieve sizes of templates
+/// that earlier checks have proven. What is found does not depend on these or the threads. Gaps are checked at the
+/// sizes that the grains have; that these are those of the mix, by its extent.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
@@ -91,14 +204,16 @@ pub fn check_grains<'a>(
     request: &PackingRequest,
     extent: Extent,
     scope: Scope,
+    sieve_sizes: &SieveSizes,
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let walk = &walk::Walk { threads, control };
-    match grains.into() {
+    let inspected = match grains.into() {
         GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, scope, walk),
-        GrainsRef::Solids(solids) => solids::judge(solids, request, extent, scope, walk),
-    }
+        GrainsRef::Solids(solids) => solids::judge(solids, (request, extent), scope, sieve_sizes, walk),
+    };
+    inspected?.grading
 }
 
 /// What a check found in a valid packing.
@@ -129,6 +244,16 @@ pub enum Fault {
     NotABody {
         /// Row of the grain.
         grain: usize,
+    },
+    /// The sieve size of a template is not what was found for it.
+    #[error(
+        "its least square opening was found to be {found} times its diameter of equal volume, and proven to be {proven}"
+    )]
+    SieveSize {
+        /// The size that was found, in units of the template.
+        found: f64,
+        /// The proven one.
+        proven: f64,
     },
     /// Two grains are too close.
     #[error(
@@ -175,16 +300,17 @@ impl From<OutOfMemory> for Fault {
     }
 }
 
-/// A direction that shows how far apart two grains lie.
+/// A direction that shows how far apart two grains lie, or a grain and a wall.
 ///
 /// With the centres `x`, the support functions `h` and `r = x_second + image * period - x_first`, the distance of the
-/// grains is at least `s(n) = (r . n) / |n| - h_first(n / |n|) - h_second(-n / |n|)`.
+/// grains is at least `s(n) = (r . n) / |n| - h_first(n / |n|) - h_second(-n / |n|)`. Of a wall, `n` leads to where it
+/// is nearest, and `s(n)` is the distance of the wall along `n`, `h_first(n)` off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SeparationCertificate {
     /// Row of one grain.
     pub first: usize,
-    /// Row of the other, or the same where it meets its own periodic image.
-    pub second: usize,
+    /// Row of the other, or the same where it meets its own periodic image; `None` of a wall.
+    pub second: Option<usize>,
     /// Periods by which the second grain is moved.
     pub image: [i32; 3],
     /// The direction `n` from the first grain to the second; its length is 1 within rounding.
@@ -199,23 +325,34 @@ pub struct SeparationCertificate {
 #[derive(Debug, Default)]
 struct Pairs {
     min_gap_mm: Option<f64>,
+    closest: Option<[usize; 2]>,
     min_excess_gap_mm: Option<f64>,
     checked: u64,
 }
 
-impl Check {
-    fn new(min_wall_gap_mm: Option<f64>, pairs: &Pairs, graded: grading::Graded) -> Self {
-        Self {
+impl Inspection {
+    /// Of the smallest gap to a wall with its grain, the pairs, and what was found of the grading.
+    fn new(wall: Option<(f64, usize)>, pairs: &Pairs, graded: Result<grading::Graded, String>) -> Self {
+        let gaps = Gaps {
+            min_gap_mm: pairs.min_gap_mm,
+            closest: pairs.closest,
+            min_excess_gap_mm: pairs.min_excess_gap_mm,
+            min_wall_gap_mm: wall.map(|(gap, _)| gap),
+            closest_to_wall: wall.map(|(_, grain)| grain),
+            pairs_checked: pairs.checked,
+        };
+        let check = |graded: grading::Graded| Check {
             found: CheckReport {
-                min_gap_mm: pairs.min_gap_mm,
-                min_wall_gap_mm,
-                min_excess_gap_mm: pairs.min_excess_gap_mm,
+                min_gap_mm: gaps.min_gap_mm,
+                min_wall_gap_mm: gaps.min_wall_gap_mm,
+                min_excess_gap_mm: gaps.min_excess_gap_mm,
                 max_class_mass_error: graded.max_class_mass_error,
-                pairs_checked: pairs.checked,
+                pairs_checked: gaps.pairs_checked,
             },
             classes: graded.classes,
             aggregates: graded.aggregates,
-        }
+        };
+        Self { gaps, grading: graded.map(check).map_err(Fault::Grading) }
     }
 }
 

@@ -10,7 +10,7 @@ use super::required::Required;
 use super::separation::{Direction, Image, Verdict};
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
-use super::{Fault, Pairs, SeparationCertificate};
+use super::{Fault, Pairs, SeparationCertificate, walls};
 use crate::arrays::{self, Each as _};
 use crate::memory::{OutOfMemory, make_room, push, reserved};
 use crate::packing::Spheres;
@@ -55,11 +55,11 @@ impl<B: Convex> Packing<B> {
         &self.bodies
     }
 
-    /// Smallest gap to a wall; `None` where there are no walls or no grains. The centres in a periodic box must lie in
-    /// it.
-    pub(super) fn check_walls(&self) -> Result<Option<f64>, Fault> {
+    /// Smallest gap to a wall with its grain; `None` where there are no walls or no grains. The centres in a periodic
+    /// box must lie in it.
+    pub(super) fn check_walls(&self) -> Result<Option<(f64, usize)>, Fault> {
         let is_periodic = self.required.period_mm().is_some();
-        let mut least: Option<f64> = None;
+        let mut least: Option<(f64, usize)> = None;
         for (grain, body) in self.bodies.iter().enumerate() {
             if is_periodic {
                 let clearance_mm = self.required.wall_distance_mm(body.center().into());
@@ -69,12 +69,14 @@ impl<B: Convex> Packing<B> {
                 continue;
             }
             let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
-            let enough = least.unwrap_or(f64::INFINITY);
+            let enough = least.map_or(f64::INFINITY, |(gap, _)| gap);
             let (clearance_mm, keeps) = body.wall_gap(&self.specimen, required_mm, enough);
             if !keeps {
                 return Err(Fault::Wall { grain, clearance_mm, required_mm });
             }
-            least = Some(enough.min(clearance_mm));
+            if clearance_mm < enough {
+                least = Some((clearance_mm, grain));
+            }
         }
         Ok(least)
     }
@@ -113,8 +115,40 @@ impl<B: Convex> Packing<B> {
         self.check_own_images(&mut findings)?;
         self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, walk)?;
         let mut certificates = findings.certificates;
-        certificates.sort_unstable_by_key(|c| (c.first, c.second, c.image));
+        let walls = self.wall_certificates(closer_than)?;
+        make_room(&mut certificates, walls.len())?;
+        certificates.extend(walls);
+        // Walls come before other grains; those of a grain stay in the order of the walls.
+        certificates.sort_by_key(|c| (c.first, c.second, c.image));
         Ok(certificates)
+    }
+
+    /// A direction for each grain and each wall that are closer than a gap.
+    fn wall_certificates(&self, closer_than: f64) -> Result<Vec<SeparationCertificate>, OutOfMemory> {
+        let (mut found, mut refused) = (Vec::new(), None);
+        for (first, body) in self.bodies.iter().enumerate() {
+            let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
+            let reach = |n: &Vector3<f64>| body.reach(n);
+            walls::for_each_near(
+                &self.specimen,
+                body.center(),
+                body.radius(),
+                closer_than,
+                &reach,
+                |normal, gap| {
+                    let certificate = SeparationCertificate {
+                        first,
+                        second: None,
+                        image: [0; 3],
+                        normal: normal.into(),
+                        separation_mm: gap,
+                        required_mm,
+                    };
+                    push(&mut found, certificate, &mut refused);
+                },
+            );
+        }
+        refused.map_or(Ok(found), Err)
     }
 
     /// A length that no distance of two grains, and no extent of a grain, exceeds.
@@ -232,6 +266,8 @@ fn for_each_image(r: Vector3<f64>, period: [f64; 3], reach: f64, mut visit: impl
 #[derive(Debug)]
 struct PairFindings {
     gap: f64,
+    /// The pair that has this gap; none of a piece that has found no closer one.
+    closest: Option<[usize; 2]>,
     excess: f64,
     checked: u64,
     fault: Option<Fault>,
@@ -250,6 +286,7 @@ impl PairFindings {
     fn new(closer_than: Option<f64>) -> Self {
         Self {
             gap: f64::INFINITY,
+            closest: None,
             excess: f64::INFINITY,
             checked: 0,
             fault: None,
@@ -267,7 +304,10 @@ impl PairFindings {
     /// Takes what a piece has shown.
     fn take(&mut self, mut piece: Self) -> Result<(), Fault> {
         piece.judge()?;
-        (self.gap, self.excess) = (self.gap.min(piece.gap), self.excess.min(piece.excess));
+        if piece.gap < self.gap {
+            (self.gap, self.closest) = (piece.gap, piece.closest);
+        }
+        self.excess = self.excess.min(piece.excess);
         make_room(&mut self.certificates, piece.certificates.len())?;
         self.certificates.append(&mut piece.certificates);
         Ok(())
@@ -280,7 +320,9 @@ impl PairFindings {
 
     fn note(&mut self, first: usize, second: usize, image: [f64; 3], required_mm: f64, found: &Direction) {
         let separation_mm = found.separation;
-        self.gap = self.gap.min(separation_mm);
+        if separation_mm < self.gap {
+            (self.gap, self.closest) = (separation_mm, Some([first.min(second), first.max(second)]));
+        }
         // Within the error of `s` that a decision in double-double arithmetic has overruled.
         self.excess = self.excess.min((separation_mm - required_mm).max(0.0));
         if self.closer_than.is_some_and(|closer_than| separation_mm < closer_than) {
@@ -288,7 +330,7 @@ impl PairFindings {
                 if first <= second { (1.0, first, second) } else { (-1.0, second, first) };
             let certificate = SeparationCertificate {
                 first,
-                second,
+                second: Some(second),
                 image: image.each(|k| (sign * k) as i32),
                 normal: (found.normal * sign).into(),
                 separation_mm,
@@ -308,6 +350,11 @@ impl PairFindings {
 
     fn pairs(&self) -> Pairs {
         let known = |least: f64| least.is_finite().then_some(least);
-        Pairs { min_gap_mm: known(self.gap), min_excess_gap_mm: known(self.excess), checked: self.checked }
+        Pairs {
+            min_gap_mm: known(self.gap),
+            closest: self.closest,
+            min_excess_gap_mm: known(self.excess),
+            checked: self.checked,
+        }
     }
 }

@@ -1,14 +1,19 @@
 //! The check of grains that are no spheres, and its certificates.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::f64::consts::PI;
 use std::num::NonZeroUsize;
 
 use super::convex::{Body, Convex};
-use super::grading::{self, Grains, SIEVE_ERROR, SIZE_ERROR};
+use super::grading::{self, Grains, SIZE_ERROR};
 use super::packing::Packing;
+use super::required::Required;
 use super::walk::Walk;
-use super::{Check, Extent, Fault, Pairs, Scope, SeparationCertificate, body, sieve};
+use super::{
+    Check, Extent, Fault, Inspection, Pairs, SIEVE_ERROR, Scope, SeparationCertificate, SieveSizes, body,
+    spheres,
+};
 use crate::control::Control;
 use crate::elementary::cbrt;
 use crate::memory::{OutOfMemory, collected, reserved};
@@ -27,20 +32,21 @@ pub fn check_solids(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge(solids, request, Extent::WHOLE, Scope::All, &Walk { threads, control })
+    let walk = &Walk { threads, control };
+    judge(solids, (request, Extent::WHOLE), Scope::All, &SieveSizes::default(), walk)?.grading
 }
 
 /// Checks what the scope names.
 pub(super) fn judge(
     solids: &Solids,
-    request: &PackingRequest,
-    extent: Extent,
+    (request, extent): (&PackingRequest, Extent),
     scope: Scope,
+    sieve_sizes: &SieveSizes,
     walk: &Walk<'_>,
-) -> Result<Check, Fault> {
+) -> Result<Inspection, Fault> {
     let shapes = shapes_of(solids)?;
     let grains = (&*shapes, &*solids.poses, &*solids.aggregate);
-    judge_shapes(grains, (request, extent), request.mix.size, scope, walk)
+    judge_shapes(grains, (request, extent), (request.mix.size, sieve_sizes), scope, walk)
 }
 
 fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
@@ -54,8 +60,8 @@ fn shapes_of(solids: &Solids) -> Result<Vec<SolidRef<'_>>, Fault> {
 /// Checks a packing of ellipsoids and convex polyhedra against its request. Shape and pose of a grain have the same
 /// index.
 ///
-/// `size` is what the grading measures. The sieve size of each template is measured once, by a search of the check's
-/// own that finds it to 1e-5; grains share a template where they refer to the same one.
+/// `size` is what the grading measures. The sieve size of each template is proven once; grains share a template where
+/// they refer to the same one.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
@@ -67,17 +73,18 @@ pub fn check_shapes(
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let walk = &Walk { threads: NonZeroUsize::MIN, control };
-    judge_shapes((shapes, poses, &[]), (request, Extent::WHOLE), size, Scope::All, walk)
+    let conditions = (request, Extent::WHOLE);
+    judge_shapes((shapes, poses, &[]), conditions, (size, &SieveSizes::default()), Scope::All, walk)?.grading
 }
 
 /// Checks shapes at their poses with the aggregate of each, none where the mix names none.
 fn judge_shapes(
     (shapes, poses, aggregate): (&[SolidRef<'_>], &[Pose], &[u16]),
     (request, extent): (&PackingRequest, Extent),
-    size: SizeMeasure,
+    (size, sieve_sizes): (SizeMeasure, &SieveSizes),
     scope: Scope,
     walk: &Walk<'_>,
-) -> Result<Check, Fault> {
+) -> Result<Inspection, Fault> {
     let region = (request.distance, request.specimen);
     // Pairs of ellipsoids are worth a loop of their own.
     if let Some(ellipsoids) = ellipsoids_of(shapes)? {
@@ -87,19 +94,26 @@ fn judge_shapes(
         return check_bodies(&packing, (grains, aggregate), (request, extent), scope, walk);
     }
     let packing = bodies(shapes, poses, region)?;
-    let mut sieves: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
-    let sizes = packing.bodies().iter().zip(shapes).map(|(body, shape)| match (shape, size) {
-        (SolidRef::Ellipsoid(ellipsoid), _) => ellipsoid_size(ellipsoid, size),
-        (SolidRef::Polyhedron(_), SizeMeasure::Equivalent) => (body.equivalent_diameter(), body.own_volume()),
-        (SolidRef::Polyhedron(shape), SizeMeasure::Sieve) => {
-            let template: *const _ = shape.template;
-            let of_template = *sieves.entry(template).or_insert_with(|| sieve::sieve_size(shape.template));
-            (of_template * shape.scale_mm, body.own_volume())
-        }
-    });
-    let sizes = collected(sizes)?;
+    let mut of_templates: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
+    let mut sizes = reserved(shapes.len())?;
+    for (body, shape) in packing.bodies().iter().zip(shapes) {
+        sizes.push(match (shape, size) {
+            (SolidRef::Ellipsoid(ellipsoid), _) => ellipsoid_size(ellipsoid, size),
+            (SolidRef::Polyhedron(_), SizeMeasure::Equivalent) => {
+                (body.equivalent_diameter(), body.own_volume())
+            }
+            (SolidRef::Polyhedron(shape), SizeMeasure::Sieve) => {
+                let of_template = match of_templates.entry(std::ptr::from_ref(shape.template)) {
+                    Entry::Occupied(known) => *known.get(),
+                    Entry::Vacant(place) => *place.insert(sieve_sizes.proven(shape.template)?),
+                };
+                (of_template * shape.scale_mm, body.own_volume())
+            }
+        });
+    }
     let error = |grain: usize| match (&shapes[grain], size) {
-        (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => SIEVE_ERROR,
+        // The size that was sampled follows from the one that was found, which may differ from the proven one.
+        (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => 2.0 * SIEVE_ERROR,
         _ => SIZE_ERROR,
     };
     let grains = Grains::Bodies { sizes: &sizes, error: &error };
@@ -122,31 +136,42 @@ pub fn certify_shapes(
     certificates(shapes, poses, region, closer_than_mm, &Walk { threads: NonZeroUsize::MIN, control })
 }
 
-/// Checks on so many threads that no two grains overlap, and returns a direction for each pair whose gap is less than
-/// `closer_than_mm`, in the order of their rows. Spheres are checked as ellipsoids with equal axes.
+/// Checks on so many threads that grains keep the gaps of a rule, and returns a direction for each pair, and for each
+/// grain and wall, whose gap is less than `closer_than_mm`, in the order of the rows. Directions of spheres are those
+/// of ellipsoids with equal axes.
 ///
 /// # Errors
 /// The first fault found, or [`Fault::Stopped`].
 pub fn certify(
     grains: GrainsRef<'_>,
-    specimen: &Specimen,
+    (distance, specimen): (Distance, Specimen),
     closer_than_mm: f64,
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    let region = (Distance::None { wall_gap_mm: None }, *specimen);
     let walk = &Walk { threads, control };
     match grains {
         GrainsRef::Spheres(spheres) => {
+            let required = Required::new(distance, specimen);
+            spheres::judge_gaps(spheres, &required, walk)?;
             let body = |i: usize| {
                 let shape = Ellipsoid::new([spheres.d_mm[i] / 2.0; 3])?;
                 body::Ellipsoid::new(&shape, &Pose::at(spheres.center(i).into()))
             };
-            let packing = Packing::new(spheres.len(), body, region)?;
-            packing.check_walls()?;
-            packing.certificates(closer_than_mm, walk)
+            // The gaps are checked already, as those of spheres.
+            let region = (Distance::None { wall_gap_mm: None }, specimen);
+            let mut found = Packing::new(spheres.len(), body, region)?.certificates(closer_than_mm, walk)?;
+            for certificate in &mut found {
+                let d = spheres.d_mm[certificate.first];
+                certificate.required_mm = match certificate.second {
+                    Some(second) => required.gap_mm(d, spheres.d_mm[second]),
+                    None => required.wall_gap_mm(d),
+                };
+            }
+            Ok(found)
         }
         GrainsRef::Solids(solids) => {
+            let region = (distance, specimen);
             certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, walk)
         }
     }
@@ -208,14 +233,13 @@ fn check_bodies<B: Convex>(
     (request, extent): (&PackingRequest, Extent),
     scope: Scope,
     walk: &Walk<'_>,
-) -> Result<Check, Fault> {
-    let min_wall_gap_mm = packing.check_walls()?;
+) -> Result<Inspection, Fault> {
+    let wall = packing.check_walls()?;
     let pairs = match scope {
         Scope::All => packing.check_pairs(walk)?,
         Scope::WithoutPairs => Pairs::default(),
     };
-    let graded = grading::check(grains, aggregate, request, extent).map_err(Fault::Grading)?;
-    Ok(Check::new(min_wall_gap_mm, &pairs, graded))
+    Ok(Inspection::new(wall, &pairs, grading::check(grains, aggregate, request, extent)))
 }
 
 /// Size and volume of an ellipsoid.

@@ -8,7 +8,7 @@ use super::grading::{self, Grains};
 use super::required::Required;
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
-use super::{Check, Extent, Fault, Pairs, Scope};
+use super::{Check, Extent, Fault, Inspection, Pairs, Scope};
 use crate::control::{Control, Unattended};
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
@@ -34,7 +34,7 @@ pub fn check_with(
     threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Check, Fault> {
-    judge(spheres, request, Extent::WHOLE, Scope::All, &Walk { threads, control })
+    judge(spheres, request, Extent::WHOLE, Scope::All, &Walk { threads, control })?.grading
 }
 
 /// Checks what the scope names.
@@ -44,7 +44,26 @@ pub(super) fn judge(
     extent: Extent,
     scope: Scope,
     walk: &Walk<'_>,
-) -> Result<Check, Fault> {
+) -> Result<Inspection, Fault> {
+    judge_numbers(spheres)?;
+    let required = Required::new(request.distance, request.specimen);
+    let wall = check_walls(spheres, &required)?;
+    let pairs = match scope {
+        Scope::All => check_pairs(spheres, &required, walk)?,
+        Scope::WithoutPairs => Pairs::default(),
+    };
+    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request, extent);
+    Ok(Inspection::new(wall, &pairs, graded))
+}
+
+/// Checks all but the grading.
+pub(super) fn judge_gaps(spheres: &Spheres, required: &Required, walk: &Walk<'_>) -> Result<(), Fault> {
+    judge_numbers(spheres)?;
+    check_walls(spheres, required)?;
+    check_pairs(spheres, required, walk).map(drop)
+}
+
+fn judge_numbers(spheres: &Spheres) -> Result<(), Fault> {
     let n = spheres.len();
     if [&spheres.x_mm, &spheres.y_mm, &spheres.z_mm].iter().any(|column| column.len() != n) {
         return Err(Fault::Columns);
@@ -56,20 +75,13 @@ pub(super) fn judge(
             return Err(Fault::NotANumber { grain });
         }
     }
-    let required = Required::new(request.distance, request.specimen);
-    let min_wall_gap_mm = check_walls(spheres, &required)?;
-    let pairs = match scope {
-        Scope::All => check_pairs(spheres, &required, walk)?,
-        Scope::WithoutPairs => Pairs::default(),
-    };
-    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request, extent)
-        .map_err(Fault::Grading)?;
-    Ok(Check::new(min_wall_gap_mm, &pairs, graded))
+    Ok(())
 }
 
-/// Smallest gap to a wall; `None` where there are no walls or no grains. The centres in a periodic box must lie in it.
-fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fault> {
-    let mut least: Option<f64> = None;
+/// Smallest gap to a wall with its grain; `None` where there are no walls or no grains. The centres in a periodic box
+/// must lie in it.
+fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<(f64, usize)>, Fault> {
+    let mut least: Option<(f64, usize)> = None;
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
         let distance_mm = required.wall_distance_mm(spheres.center(grain));
         if required.period_mm().is_some() {
@@ -83,7 +95,9 @@ fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fa
         if distance_mm < 0.5 * d + required_mm {
             return Err(Fault::Wall { grain, clearance_mm, required_mm });
         }
-        least = Some(least.map_or(clearance_mm, |l| l.min(clearance_mm)));
+        if least.is_none_or(|(gap, _)| clearance_mm < gap) {
+            least = Some((clearance_mm, grain));
+        }
     }
     Ok(least)
 }
@@ -91,6 +105,7 @@ fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<f64>, Fa
 /// What the pairs of a piece have shown.
 struct Nearest {
     gap_mm: f64,
+    closest: [usize; 2],
     excess_mm: f64,
     fault: Option<Fault>,
 }
@@ -118,6 +133,9 @@ fn check_pairs(spheres: &Spheres, required: &Required, walk: &Walk<'_>) -> Resul
             let least = old.map_or(new, |o| o.min(new));
             least.is_finite().then_some(least)
         };
+        if pairs.min_gap_mm.is_none_or(|gap| nearest.gap_mm < gap) && nearest.gap_mm.is_finite() {
+            pairs.closest = Some(nearest.closest);
+        }
         let gap = closer(pairs.min_gap_mm, nearest.gap_mm);
         let excess = closer(pairs.min_excess_gap_mm, nearest.excess_mm);
         // Pairs not seen keep their rule's distance and `look` more.
@@ -147,7 +165,7 @@ fn nearest(
         #[inline(always)]
         |d_i, d_j| required.gap_mm(d_i, d_j) + look,
     )?;
-    let empty = || Nearest { gap_mm: f64::INFINITY, excess_mm: f64::INFINITY, fault: None };
+    let empty = || Nearest { gap_mm: f64::INFINITY, closest: [0; 2], excess_mm: f64::INFINITY, fault: None };
     let walked = walk.over(
         &table,
         GRAINS_PER_PIECE,
@@ -170,7 +188,9 @@ fn nearest(
             }
             let distance = distance2.sqrt();
             let (clearance_mm, excess_mm) = (distance - radii, distance - (radii + required_mm));
-            nearest.gap_mm = nearest.gap_mm.min(clearance_mm);
+            if clearance_mm < nearest.gap_mm {
+                (nearest.gap_mm, nearest.closest) = (clearance_mm, [i.min(j), i.max(j)]);
+            }
             nearest.excess_mm = nearest.excess_mm.min(excess_mm);
             if excess_mm < 0.0 && nearest.fault.is_none() {
                 let (first, second) = (i.min(j), i.max(j));
@@ -183,7 +203,9 @@ fn nearest(
         if let Some(fault) = found.fault {
             return Err(fault);
         }
-        nearest.gap_mm = nearest.gap_mm.min(found.gap_mm);
+        if found.gap_mm < nearest.gap_mm {
+            (nearest.gap_mm, nearest.closest) = (found.gap_mm, found.closest);
+        }
         nearest.excess_mm = nearest.excess_mm.min(found.excess_mm);
     }
     Ok((nearest, walked.pairs))
@@ -191,7 +213,7 @@ fn nearest(
 
 /// In a periodic box a grain must also keep its distance from its own images.
 fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
-    let mut pairs = Pairs { min_gap_mm: None, min_excess_gap_mm: None, checked: 0 };
+    let mut pairs = Pairs::default();
     let Some(period) = required.period_mm() else { return Ok(pairs) };
     let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
@@ -200,7 +222,9 @@ fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
         if excess_mm < 0.0 {
             return Err(Fault::Pair { first: grain, second: grain, clearance_mm, required_mm });
         }
-        pairs.min_gap_mm = Some(pairs.min_gap_mm.map_or(clearance_mm, |c| c.min(clearance_mm)));
+        if pairs.min_gap_mm.is_none_or(|gap| clearance_mm < gap) {
+            (pairs.min_gap_mm, pairs.closest) = (Some(clearance_mm), Some([grain; 2]));
+        }
         pairs.min_excess_gap_mm = Some(pairs.min_excess_gap_mm.map_or(excess_mm, |e| e.min(excess_mm)));
     }
     Ok(pairs)

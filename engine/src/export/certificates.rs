@@ -1,4 +1,5 @@
-//! Proofs that grains do not overlap: for each close pair a direction that separates it, found by the check.
+//! Proofs that grains keep their gaps: for each close pair, and for each grain near a wall, a direction that shows the
+//! gap, found by the check, beside the gap that the rule of the packing asks for.
 //!
 //! A reader needs no search of its own to believe a packing. With the centres `x` of a pair, the second moved by whole
 //! periods, the support functions `h` and a unit vector `n`, the distance of the grains is at least
@@ -14,17 +15,30 @@ use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::check::{self, Fault, SeparationCertificate};
 use crate::control::{Control, Phase, Progress};
+use crate::distance::DistanceRule;
 use crate::plan::Limits;
 use crate::request::decode::{Bound, Object};
 use crate::request::{FieldError, MAX_LENGTH_MM};
 
 /// Names of the columns, in their order.
-pub const COLUMNS: [&str; 9] =
-    ["first", "second", "image_x", "image_y", "image_z", "normal_x", "normal_y", "normal_z", "separation_mm"];
-/// `closer_than_mm` where none is given, over the smallest equivalent diameter.
+pub const COLUMNS: [&str; 10] = [
+    "first",
+    "second",
+    "image_x",
+    "image_y",
+    "image_z",
+    "normal_x",
+    "normal_y",
+    "normal_z",
+    "separation_mm",
+    "required_mm",
+];
+/// What stands in the column of the second grain in the rows of walls.
+const WALL: i64 = -1;
+/// `closer_than_mm` where none is given, beyond the gap that the smallest grains keep, over their equivalent diameter.
 pub const DEFAULT_SHARE: f64 = 0.1;
 /// Bytes of a row of text, on average.
-const ROW_BYTES: f64 = 90.0;
+const ROW_BYTES: f64 = 95.0;
 /// Pairs of a grain of a dense packing that are listed by default, on average.
 const PAIRS_PER_GRAIN: f64 = 5.0;
 /// Memory that the bodies and the certificates of a grain take, in bytes: those of the check.
@@ -39,7 +53,8 @@ pub struct CertificateOptions {
     /// The file format.
     #[cfg_attr(feature = "openapi", schema(default = "csv", required = false))]
     pub format: TableFormat,
-    /// Pairs with a smaller gap are listed. Default: a tenth of the smallest diameter; at most that diameter.
+    /// Pairs and walls with a smaller gap are listed. Default: a tenth of the smallest diameter beyond the gap that
+    /// such grains keep; at most that diameter.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 0, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub closer_than_mm: Option<f64>,
@@ -63,13 +78,21 @@ impl CertificateOptions {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CertificateReport {
-    /// Pairs with a smaller gap are listed.
+    /// Pairs and walls with a smaller gap are listed.
     pub closer_than_mm: f64,
     /// Number of pairs listed.
     pub pairs: u64,
+    /// Number of rows about walls; absent in reports of older versions.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub walls: u64,
     /// Smallest separation of a pair; `null` without pairs.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub min_separation_mm: Option<f64>,
+    /// Smallest separation of a grain from a wall; `null` without such rows.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub min_wall_separation_mm: Option<f64>,
 }
 
 /// Expected length of the file in bytes.
@@ -81,7 +104,7 @@ pub(super) fn expected_bytes(grains: f64) -> u64 {
 ///
 /// # Errors
 /// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`];
-/// [`ExportError::CheckFailed`] for grains that overlap.
+/// [`ExportError::CheckFailed`] for grains that do not keep their gaps.
 pub(super) fn write(
     model: &Model<'_>,
     options: &CertificateOptions,
@@ -101,7 +124,9 @@ pub(super) fn write(
         )));
     }
     let least_mm = model.grains.diameters_mm().next_back().unwrap_or(0.0);
-    let closer_than_mm = options.closer_than_mm.unwrap_or(DEFAULT_SHARE * least_mm);
+    let rule = DistanceRule::new(&model.distance, model.specimen);
+    let by_default = || (DEFAULT_SHARE * least_mm + rule.gap_mm(least_mm, least_mm)).min(least_mm);
+    let closer_than_mm = options.closer_than_mm.unwrap_or_else(by_default);
     if closer_than_mm > least_mm {
         return Err(ExportError::Invalid(vec![FieldError::new(
             "/closer_than_mm",
@@ -112,7 +137,8 @@ pub(super) fn write(
         )]));
     }
     let threads = limits.export_threads;
-    let found = check::certify(model.grains, model.specimen, closer_than_mm, threads, control);
+    let region = (model.distance, *model.specimen);
+    let found = check::certify(model.grains, region, closer_than_mm, threads, control);
     let found = found.map_err(|fault| match fault {
         Fault::Stopped => ExportError::Stopped,
         Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
@@ -127,19 +153,27 @@ pub(super) fn write(
         rows.row(&cells(certificate))?;
     }
     rows.end()?;
+    let least = |is_wall: bool| {
+        let listed = found.iter().filter(|certificate| certificate.second.is_none() == is_wall);
+        listed.map(|certificate| certificate.separation_mm).reduce(f64::min)
+    };
+    let walls = found.iter().filter(|certificate| certificate.second.is_none()).count();
     Ok(CertificateReport {
         closer_than_mm,
-        pairs: found.len() as u64,
-        min_separation_mm: found.iter().map(|certificate| certificate.separation_mm).reduce(f64::min),
+        pairs: (found.len() - walls) as u64,
+        walls: walls as u64,
+        min_separation_mm: least(false),
+        min_wall_separation_mm: least(true),
     })
 }
 
-fn cells(certificate: &SeparationCertificate) -> [Cell; 9] {
-    let SeparationCertificate { first, second, image, normal, separation_mm, .. } = certificate;
+fn cells(certificate: &SeparationCertificate) -> [Cell; 10] {
+    let SeparationCertificate { first, second, image, normal, separation_mm, required_mm } = certificate;
     let [i, j, k] = image.map(|period| Cell::Whole(period.into()));
     let [x, y, z] = normal.map(Cell::Number);
-    let rows = [*first, *second].map(|row| Cell::Whole(row as i64));
-    [rows[0], rows[1], i, j, k, x, y, z, Cell::Number(*separation_mm)]
+    let first = Cell::Whole(*first as i64);
+    let second = Cell::Whole(second.map_or(WALL, |row| row as i64));
+    [first, second, i, j, k, x, y, z, Cell::Number(*separation_mm), Cell::Number(*required_mm)]
 }
 
 fn report(control: &dyn Control, done: usize, total: usize) {

@@ -30,13 +30,9 @@ fn written(model: &Model<'_>, options: &[(&str, &str)]) -> Result<(CertificateRe
     Ok((report, String::from_utf8(out).unwrap()))
 }
 
-/// The separation of a row, from the grains alone.
-fn separation(specimen: &Specimen, grains: GrainsRef<'_>, row: &[f64]) -> f64 {
-    let [first, second] = [row[0] as usize, row[1] as usize];
-    let shift = Vector3::from_fn(|k, _| row[2 + k] * specimen.bounds_mm()[k]);
-    let n = Vector3::from_column_slice(&row[5..8]);
-    let center = |i| Vector3::from(grains.center_mm(i));
-    let support = |i: usize, n: Vector3<f64>| match grains {
+/// How far a grain reaches from its centre along a vector.
+fn support(grains: GrainsRef<'_>, i: usize, n: Vector3<f64>) -> f64 {
+    match grains {
         GrainsRef::Spheres(spheres) => spheres.d_mm[i] / 2.0 * n.norm(),
         GrainsRef::Solids(solids) => {
             let local = solids.poses[i].rotation().transpose() * n;
@@ -48,8 +44,16 @@ fn separation(specimen: &Specimen, grains: GrainsRef<'_>, row: &[f64]) -> f64 {
                 of.scale_mm * (core + of.template.rounding() * n.norm())
             }
         }
-    };
-    (center(second) + shift - center(first)).dot(&n) - support(first, n) - support(second, -n)
+    }
+}
+
+/// The separation of a row, from the grains alone.
+fn separation(specimen: &Specimen, grains: GrainsRef<'_>, row: &[f64]) -> f64 {
+    let [first, second] = [row[0] as usize, row[1] as usize];
+    let shift = Vector3::from_fn(|k, _| row[2 + k] * specimen.bounds_mm()[k]);
+    let n = Vector3::from_column_slice(&row[5..8]);
+    let center = |i| Vector3::from(grains.center_mm(i));
+    (center(second) + shift - center(first)).dot(&n) - support(grains, first, n) - support(grains, second, -n)
 }
 
 #[test]
@@ -59,7 +63,7 @@ fn every_certificate_separates_its_pair_by_the_grains_alone() {
     let polyhedron = json!({"type": "polyhedron", "rounding": 0.1, "template_count": 4});
     for shape in [None, Some(ellipsoid), Some(polyhedron)] {
         let (request, packing) = packed(shape);
-        let model = Model::new(&request.specimen, &packing.grains);
+        let model = Model::new(&request.specimen, &packing.grains).with_distance(request.distance);
         let (report, text) = written(&model, &[("closer_than_mm", "2")]).unwrap();
         let mut lines = text.lines();
         assert_eq!(lines.next().unwrap(), COLUMNS.join(","));
@@ -73,7 +77,7 @@ fn every_certificate_separates_its_pair_by_the_grains_alone() {
             assert!((n.norm() - 1.0).abs() < 1e-12);
             let found = separation(&request.specimen, model.grains, row);
             assert!((found - row[8]).abs() < 1e-11, "{found} {row:?}");
-            assert!((0.1 - 1e-12..2.0).contains(&row[8]), "{row:?}");
+            assert!((0.1 - 1e-12..2.0).contains(&row[8]) && row[9] == 0.1, "{row:?}");
         }
         let least = packing.report.check.min_gap_mm.unwrap();
         assert!((report.min_separation_mm.unwrap() - least).abs() < 1e-9);
@@ -84,6 +88,76 @@ fn every_certificate_separates_its_pair_by_the_grains_alone() {
         let numbers: Vec<Vec<f64>> = serde_json::from_value(document["rows"].clone()).unwrap();
         assert_eq!(numbers, rows);
     }
+}
+
+/// Rows of walls show how far a grain is from the planes and the lateral surface, by the grains alone.
+#[test]
+fn walls_have_rows_with_the_gap_that_their_rule_asks_for() {
+    let ellipsoid =
+        json!({"type": "ellipsoid", "ratios": {"type": "constant", "elongation": 0.7, "flatness": 0.5}});
+    let polyhedron = json!({"type": "polyhedron", "rounding": 0.1, "template_count": 4});
+    for specimen in [
+        json!({"type": "box", "size_mm": [24, 25, 26]}),
+        json!({"type": "cylinder", "diameter_mm": 25, "height_mm": 26}),
+    ] {
+        for shape in [json!({"type": "sphere"}), ellipsoid.clone(), polyhedron.clone()] {
+            let mix = json!({"grading": {"type": "monodisperse", "diameter_mm": 5}, "volume_fraction": 0.25,
+                "allow_coarse": true, "shape": shape});
+            let distance = json!({"type": "constant", "gap_mm": 0.2, "wall_gap_mm": 0.3});
+            let request = json!({"specimen": specimen, "mix": mix, "distance": distance});
+            let request = PackingRequest::from_json(&request, 1).unwrap();
+            let packing = pack(&request, &Limits::default(), &Unattended).unwrap();
+            let model = Model::new(&request.specimen, &packing.grains).with_distance(request.distance);
+            let (report, text) = written(&model, &[("closer_than_mm", "3")]).unwrap();
+            let rows = text.lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect());
+            let rows: Vec<Vec<f64>> = rows.collect();
+            let walls: Vec<&Vec<f64>> = rows.iter().filter(|row| row[1] == -1.0).collect();
+            assert_eq!((report.walls, report.pairs), (walls.len() as u64, (rows.len() - walls.len()) as u64));
+            assert!(walls.len() > 6 && walls.iter().all(|row| row[9] == 0.3 && row[8] >= 0.3 - 1e-12));
+            assert!(rows.iter().all(|row| row[1] == -1.0 || row[9] == 0.2));
+            // Points of the grain's surface by many directions: none is nearer to a wall than its row says.
+            let bounds = request.specimen.bounds_mm();
+            for row in walls {
+                let n = Vector3::from_column_slice(&row[5..8]);
+                let axis = Vector3::new(bounds[0] / 2.0, bounds[1] / 2.0, 0.0);
+                let is_plane = n.iter().filter(|x| x.abs() > 1e-9).count() == 1
+                    && (n.z != 0.0 || matches!(request.specimen, Specimen::Box { .. }));
+                let distance = |n: &Vector3<f64>| {
+                    let wall = if is_plane {
+                        (0..3).map(|k| if n[k] > 0.5 { bounds[k] } else { 0.0 }).sum::<f64>()
+                    } else {
+                        bounds[0] / 2.0 + axis.dot(n)
+                    };
+                    let grain = row[0] as usize;
+                    let center = Vector3::from(model.grains.center_mm(grain));
+                    wall - center.dot(n) - support(model.grains, grain, *n)
+                };
+                assert!((distance(&n) - row[8]).abs() < 1e-9, "{row:?}: {}", distance(&n));
+                if !is_plane {
+                    for step in 0..360 {
+                        let angle = f64::from(step).to_radians();
+                        let other = Vector3::new(angle.cos(), angle.sin(), 0.0);
+                        assert!(distance(&other) > row[8] - 1e-9, "{row:?}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pair_that_misses_its_gap_is_refused_with_both_numbers() {
+    let (request, packing) = packed(None);
+    let wide = json!({"type": "constant", "gap_mm": 0.15});
+    let wide = PackingRequest::from_json(
+        &json!({"specimen": {"type": "box", "size_mm": [30, 30, 30], "boundary": "periodic"}, "distance": wide,
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 5}, "volume_fraction": 0.1}}),
+        1,
+    )
+    .unwrap();
+    let model = Model::new(&request.specimen, &packing.grains).with_distance(wide.distance);
+    let fault = written(&model, &[]).unwrap_err().to_string();
+    assert!(fault.contains("mm apart: their rule asks for 0.15 mm"), "{fault}");
 }
 
 #[test]

@@ -39,13 +39,13 @@ use crate as engine;
 use crate::control::Control;
 use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;
-use crate::request::{FieldError, Specimen};
+use crate::request::{Distance, FieldError, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 7;
+pub const REVISION: u32 = 8;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]
@@ -54,14 +54,23 @@ pub struct Model<'a> {
     pub specimen: &'a Specimen,
     /// The grains, largest first; none overlaps another or leaves the region.
     pub grains: GrainsRef<'a>,
+    /// The gaps that they keep: the rule of the request with the distance that was reached, or none.
+    pub distance: Distance,
     /// Where it comes from; VTK files state it.
     pub provenance: Option<&'a Provenance>,
 }
 
 impl<'a> Model<'a> {
-    /// A packing of unknown provenance.
+    /// A packing of unknown provenance, whose grains do not overlap.
     pub fn new(specimen: &'a Specimen, grains: impl Into<GrainsRef<'a>>) -> Self {
-        Self { specimen, grains: grains.into(), provenance: None }
+        let distance = Distance::None { wall_gap_mm: None };
+        Self { specimen, grains: grains.into(), distance, provenance: None }
+    }
+
+    /// The same packing, with the rule of distance that it keeps.
+    #[must_use]
+    pub fn with_distance(self, distance: Distance) -> Self {
+        Self { distance, ..self }
     }
 
     /// The same packing, with its provenance.

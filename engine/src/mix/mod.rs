@@ -148,17 +148,16 @@ impl GradedMix {
         self.expected_sum(Class::grains_per_volume, |_| 1.0)
     }
 
-    /// Expected sum over all grains of the volume of a sphere of diameter `factor d + offset`.
-    ///
-    /// For grains that are no spheres `d` is the equivalent diameter of the mean volume of their size, which is exact
-    /// without an offset.
-    pub fn expected_enlarged_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
-        let enlarged = |d: f64| sphere_volume(factor * d + offset);
-        let of_class = |c: &Class| {
-            let equivalent = cbrt(c.volume_ratio);
-            c.mean_of(&|d| enlarged(d * equivalent)) * c.grains_per_volume()
+    /// Expected volume of the grains with their coatings: of a sphere that of a sphere of diameter `factor d + offset`;
+    /// of another grain that of the parallel body at the distance by which a sphere of its volume is enlarged so.
+    pub fn expected_coated_volume_mm3(&self, factor: f64, offset: f64) -> f64 {
+        let Some(shapes) = &self.shapes else {
+            let enlarged = |d: f64| sphere_volume(factor * d + offset);
+            return self.expected_sum(|c| c.mean_of(&enlarged) * c.grains_per_volume(), enlarged);
         };
-        self.expected_sum(of_class, |d| enlarged(self.equivalent_mm(d)))
+        let coated = shapes.coated(0.5 * (factor - 1.0), 0.5 * offset);
+        let of_class = |c: &Class| c.mean_of(&|d| coated.mean_mm3(c.part, d)) * c.grains_per_volume();
+        self.expected_sum(of_class, |d| coated.mean_mm3(0, d))
     }
 
     /// The classes of a part, from fine to coarse.

@@ -5,18 +5,26 @@
 //! probability proportional to its share over the mean volume of its grains. An angular grain is one of the templates
 //! of its part, all of which are equally likely.
 
+use std::f64::consts::PI;
+
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::class::{Class, Law};
 use super::sphere_volume;
 use super::templates::Templates;
+use crate::arrays;
+use crate::elementary::cbrt;
 use crate::request::{GrainKind, Mix, MixPart, PlainShape};
 use crate::rng::uniform;
-use crate::shape::{Ellipsoid, Form, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure, Solid};
+use crate::shape::{
+    Ellipsoid, Form, ParallelBody, Polyhedron, RatioSampler, ScaledPolyhedron, SizeMeasure, Solid,
+};
 use crate::sorting;
 
 /// Grains of a law that are looked at where one that fits is looked for.
 const TRIALS: usize = 64;
+/// Forms of a law of axis ratios that stand for all of them where a mean is asked for.
+const FORMS: usize = 256;
 
 /// Draws the shapes of grains by their size.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +77,78 @@ impl Forms {
             Self::Spheres => 1.0,
             Self::Ellipsoids(ratios) => ratios.least_volume_ratio(),
             Self::Polyhedra { templates, .. } => templates.least_volume_ratio(),
+        }
+    }
+}
+
+/// Mean volumes of grains with a coating, as polynomials of their size: the thickness of a coating is a share of the
+/// equivalent diameter and a constant.
+pub(super) struct CoatedVolumes {
+    /// Of each part of the mix, from the coarsest down: the size above which a law of shapes holds, and the
+    /// coefficients of the powers of the size from the zeroth up.
+    by_part: Vec<Vec<(f64, [f64; 4])>>,
+}
+
+impl CoatedVolumes {
+    /// Mean volume of a grain of this part and size with its coating, in mm³.
+    pub(super) fn mean_mm3(&self, part: u16, size_mm: f64) -> f64 {
+        let by_size = self.by_part.get(usize::from(part));
+        let of_size =
+            by_size.and_then(|laws| laws.iter().find(|(above_mm, _)| size_mm > *above_mm).or(laws.last()));
+        of_size.map_or(0.0, |(_, [a, b, c, d])| a + size_mm * (b + size_mm * (c + size_mm * d)))
+    }
+}
+
+impl ShapesAbove {
+    /// The polynomial of [`CoatedVolumes`] for a coating of `share` equivalent diameters and `constant_mm`.
+    fn coated(&self, measure: SizeMeasure, share: f64, constant_mm: f64) -> [f64; 4] {
+        let mut bodies = Vec::new();
+        let mut before = 0.0;
+        for part in &self.parts {
+            part.forms.add_bodies(part.cumulative - before, measure, &mut bodies);
+            before = part.cumulative;
+        }
+        let mut sum = [0.0; 4];
+        for (weight, equivalent, ParallelBody { volume, surface, mean_curvature }) in bodies {
+            // Steiner's formula at the distance `p x + q` of a body of the size x.
+            let (p, q, ball) = (share * equivalent, constant_mm, 4.0 / 3.0 * PI);
+            let coefficients = [
+                ball * q * q * q,
+                q * q * (mean_curvature + 3.0 * ball * p),
+                q * (surface + 2.0 * p * mean_curvature + 3.0 * ball * p * p),
+                volume + p * (surface + p * (mean_curvature + p * ball)),
+            ];
+            sum = arrays::from_fn(|i| sum[i] + weight * coefficients[i]);
+        }
+        sum
+    }
+}
+
+impl Forms {
+    /// Adds the bodies of grains of the size 1, each with its share by number and its equivalent diameter; the shares
+    /// sum to `share`.
+    fn add_bodies(&self, share: f64, measure: SizeMeasure, to: &mut Vec<(f64, f64, ParallelBody)>) {
+        match self {
+            Self::Spheres => to.push((share, 1.0, ParallelBody::of_ball(1.0))),
+            Self::Ellipsoids(ratios) => {
+                let mut rng = crate::rng::stream(0, crate::rng::Stream::Shape);
+                let number = if ratios.is_constant() { 1 } else { FORMS };
+                let drawn: Vec<Ellipsoid> =
+                    (0..number).map(|_| measure.ellipsoid(1.0, ratios.draw(&mut rng))).collect();
+                // The mean volume is known.
+                let mean = drawn.iter().map(Ellipsoid::volume_mm3).sum::<f64>() / number as f64;
+                let factor = cbrt(ratios.mean_volume_ratio() * sphere_volume(1.0) / mean);
+                to.extend(drawn.iter().map(|grain| {
+                    let equivalent = factor * grain.equivalent_diameter_mm();
+                    (share / number as f64, equivalent, ParallelBody::from(grain).scaled(factor))
+                }));
+            }
+            Self::Polyhedra { templates, .. } => {
+                let share = share / templates.len() as f64;
+                to.extend(templates.bodies().iter().zip(&templates.equivalent_over_size).map(
+                    |(body, &equivalent)| (share, equivalent, ParallelBody::from(body).scaled(equivalent)),
+                ));
+            }
         }
     }
 }
@@ -191,6 +271,13 @@ impl ShapeSampler {
                 (0..TRIALS).any(|_| ellipsoid(&draw()))
             }
         })
+    }
+
+    /// Mean volumes of grains with a coating of `share` equivalent diameters and `constant_mm`.
+    pub(super) fn coated(&self, share: f64, constant_mm: f64) -> CoatedVolumes {
+        let of_law =
+            |shapes: &ShapesAbove| (shapes.above_mm, shapes.coated(self.measure, share, constant_mm));
+        CoatedVolumes { by_part: self.by_part.iter().map(|laws| laws.iter().map(of_law).collect()).collect() }
     }
 
     /// What the sizes are.

@@ -6,6 +6,7 @@
 use super::GradedMix;
 use super::class::{Class, Law};
 
+use crate::shape::exceeds;
 use crate::sorting;
 
 /// Standard sieves (ISO 565 principal sizes as concrete labs use them), in mm.
@@ -86,12 +87,13 @@ fn divided(mix: &GradedMix, asked: impl Fn(&Class) -> SieveClass) -> Vec<SieveCl
     edges.windows(2).map(between).filter(|class| class.volume_mm3 > 0.0).collect()
 }
 
-/// Index of the class that a diameter falls into, given the upper sieves from fine to coarse.
+/// Index of the class that a diameter falls into, given the upper sieves from fine to coarse. A grain that passes a
+/// sieve but for the rounding of its size passes it.
 pub fn class_of(d: f64, upper_mm: impl Iterator<Item = f64>) -> usize {
     let mut last = 0;
     for (i, high) in upper_mm.enumerate() {
         last = i;
-        if d <= high {
+        if !exceeds(d, high) {
             break;
         }
     }

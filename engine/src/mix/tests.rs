@@ -90,9 +90,9 @@ fn enlarged_volumes_agree_with_direct_integration() {
         json!({"type": "fuller", "d_max_mm": 16, "exponent": 0.35}),
     ] {
         let graded = GradedMix::new(&mix(grading, 0.5, 0.5, "all_aggregate"), CUBE_150);
-        let volume = graded.expected_enlarged_volume_mm3(1.0, 0.0);
+        let volume = graded.expected_coated_volume_mm3(1.0, 0.0);
         assert!((volume / (graded.volume_fraction_effective * CUBE_150) - 1.0).abs() < 1e-9, "{volume}");
-        assert!(graded.expected_enlarged_volume_mm3(1.0, 1.0) > volume);
+        assert!(graded.expected_coated_volume_mm3(1.0, 1.0) > volume);
     }
 }
 
@@ -200,7 +200,7 @@ properties! {
         let grains: f64 = sizes.iter().map(|(_, number)| number).sum();
         prop_assert_eq!(grains, mm.len() as f64);
         let volume: f64 = sizes.iter().map(|(d, number)| number * sphere_volume(*d)).sum();
-        let expected = mix.expected_enlarged_volume_mm3(1.0, 0.0);
+        let expected = mix.expected_coated_volume_mm3(1.0, 0.0);
         prop_assert!((volume / expected - 1.0).abs() < 1e-9);
     }
 }

@@ -49,7 +49,8 @@ pub struct Report {
     pub shapes: Option<ShapeReport>,
 }
 
-/// Shapes and orientation of grains that are not spheres. Means and shares are weighted by volume.
+/// Shapes and orientation of grains that are not spheres. Means and shares are weighted by volume; the tensors are
+/// means by number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct ShapeReport {
@@ -75,10 +76,10 @@ pub struct ShapeReport {
     pub zingg: ZinggShares,
     /// Surface of all grains in mm².
     pub surface_mm2: f64,
-    /// Mean of `n nᵀ` over the grains, `n` the direction of the longest axis: xx, yy, zz, xy, yz, xz. A third each on
-    /// the diagonal without a preferred direction.
+    /// Mean of `n nᵀ` by number, over the grains, `n` the direction of the longest axis: xx, yy, zz, xy, yz, xz. A
+    /// third each on the diagonal without a preferred direction.
     pub long_axis_tensor: [f64; 6],
-    /// The same for the shortest axis.
+    /// The same for the shortest axis, by number too.
     pub short_axis_tensor: [f64; 6],
 }
 

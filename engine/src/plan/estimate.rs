@@ -74,7 +74,7 @@ impl<'a> Case<'a> {
     /// A mix before a rule of distance, in the specimen of the request.
     pub(super) fn of_mix(request: &'a PackingRequest, mix: &'a GradedMix, rule: &DistanceRule) -> Self {
         let (factor, offset) = rule.enlargement(mix.d_min_mm);
-        let coated_mm3 = mix.expected_enlarged_volume_mm3(factor, offset);
+        let coated_mm3 = mix.expected_coated_volume_mm3(factor, offset);
         Self {
             request,
             mix,
@@ -185,7 +185,7 @@ impl<'a> Case<'a> {
     /// Whether a constant distance is likely to be reached.
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
         let features = features(self.request, self.mix, 1.0, distance_mm);
-        let filled = self.mix.expected_enlarged_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
+        let filled = self.mix.expected_coated_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
         if self.mix.shapes.as_ref().is_some_and(|of_grains| filled > shapes::known(of_grains).dense_reach) {
             return false;
         }

@@ -84,6 +84,18 @@ impl<'a> MixPart<'a> {
 }
 
 impl Mix {
+    /// The shapes that have templates, of all aggregates and sizes.
+    pub(crate) fn polyhedra_mut(&mut self) -> impl Iterator<Item = &mut super::PlainShape> {
+        let of_aggregates = self.aggregates.iter_mut().flat_map(|aggregate| {
+            aggregate.shape.iter_mut().chain(aggregate.shapes.iter_mut().map(|class| &mut class.shape))
+        });
+        let of_all = self.shape.iter_mut().chain(self.shapes.iter_mut().map(|class| &mut class.shape));
+        of_all
+            .chain(of_aggregates)
+            .flat_map(GrainShape::parts_mut)
+            .filter(|shape| matches!(shape, super::PlainShape::Polyhedron { .. }))
+    }
+
     /// The aggregates of the mix, or the mix itself where it names none.
     #[must_use]
     pub fn parts(&self) -> Vec<MixPart<'_>> {

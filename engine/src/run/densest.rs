@@ -22,6 +22,7 @@ use crate::methods::edmd::ToJamming;
 use crate::packing::{GrowthEnd, Packing};
 use crate::plan::{Drawing, Limits, Plan};
 use crate::request::{Method, PackingRequest};
+use crate::template_cache::TemplateCache;
 
 /// Factors on all sizes with which grains count as those that were drawn,
 const AS_DRAWN: [f64; 2] = [0.97, 1.03];
@@ -147,7 +148,7 @@ impl Attempt {
 pub(super) fn pack(
     request: &PackingRequest,
     plan: &Plan,
-    limits: &Limits,
+    (limits, templates): (&Limits, &TemplateCache),
     resume: Option<Resume>,
     control: &dyn Control,
     started: Instant,
@@ -198,7 +199,8 @@ pub(super) fn pack(
         };
         let checked = attempt.drawing.numbers_of(request);
         let times = Times { started, sampling_s };
-        let finishing = Finishing { checked: &checked, mix: &mix, coarse: None, kept, times, limits };
+        let finishing =
+            Finishing { checked: &checked, mix: &mix, coarse: None, kept, times, limits, templates };
         return finished(placed, &finishing, control);
     }
 }

@@ -10,6 +10,7 @@ use crate::control::{Control, Progress, Unattended};
 use crate::packing::GrainsRef;
 use crate::plan::{Limits, Plan};
 use crate::request::PackingRequest;
+use crate::template_cache::TemplateCache;
 
 fn equal() -> Value {
     json!({"grading": {"type": "monodisperse", "diameter_mm": 3}, "volume_fraction": "maximize"})
@@ -23,7 +24,8 @@ fn assert_densest(request: &PackingRequest, gap: f64) -> f64 {
     let excess = least_excess(request, &packing.grains, |_, _| gap, |_| gap / 2.0);
     assert!(excess > -1e-9 && excess < 1e-6, "{excess:e}");
     for scope in [Scope::All, Scope::WithoutPairs] {
-        verify(request, &packing.report, &packing.grains, scope, &Unattended).unwrap();
+        verify(request, &packing.report, &packing.grains, scope, &TemplateCache::default(), &Unattended)
+            .unwrap();
     }
     let scale = summary.size_scale.unwrap();
     if request.mix.listed_diameters_mm().is_none() {
@@ -102,7 +104,14 @@ fn a_run_that_is_killed_and_resumed_has_the_same_bits() {
         pack(&request, &Limits::default(), &killer).unwrap_err();
         let bytes = killer.0.into_inner().unwrap().1;
         let resume = Resume::read_from(&mut bytes.as_slice(), &request).unwrap();
-        let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+        let resumed = pack_or_resume(
+            &request,
+            &Limits::default(),
+            &TemplateCache::default(),
+            Some(resume),
+            &Unattended,
+        )
+        .unwrap();
         assert_eq!(resumed.grains, whole.grains, "{cycle}");
     }
 }

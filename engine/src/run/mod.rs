@@ -3,6 +3,7 @@
 //! A run that ends before its target may keep its packing ([`partial`]): all sizes are then scaled by one factor
 //! ([`size_scale`]). Where the volume fraction is to be as large as possible ([`densest`]) they always are.
 
+mod coating;
 mod densest;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -42,6 +43,7 @@ use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, Method, OnLimit, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, Solid};
+use crate::template_cache::TemplateCache;
 use partial::{Kept, Short};
 
 pub use partial::checked_as;
@@ -57,27 +59,30 @@ const SEPARATION_BYTES_PER_GRAIN: usize = 96;
 /// # Errors
 /// See [`PackError`]; a packing that fails its own check is never returned.
 pub fn pack(request: &PackingRequest, limits: &Limits, control: &dyn Control) -> Result<Packing, PackError> {
-    pack_or_resume(request, limits, None, control)
+    pack_or_resume(request, limits, &TemplateCache::default(), None, control)
 }
 
-/// Computes a packing, from a checkpoint of an earlier run of the same request where there is one.
+/// Computes a packing with the templates that earlier runs drew and measured, from a checkpoint of an earlier run of
+/// the same request where there is one.
 ///
-/// The packing is that of a run which was never interrupted, to the last bit.
+/// The packing is that of a run without templates which was never interrupted, to the last bit.
 ///
 /// # Errors
 /// As [`pack`].
 pub fn pack_or_resume(
     request: &PackingRequest,
     limits: &Limits,
+    templates: &TemplateCache,
     resume: Option<Resume>,
     control: &dyn Control,
 ) -> Result<Packing, PackError> {
     request.validate().map_err(PlanError::Invalid)?;
-    let plan = Plan::new(request, limits)?;
+    let request: &PackingRequest = &templates.attached(request);
+    let plan = templates.plan_attached(request, limits)?;
     let started = Instant::now();
     let control: &dyn Control = &Part::new(control, 0.0, 1.0);
     if request.mix.maximizes_volume_fraction() {
-        return densest::pack(request, &plan, limits, resume, control, started);
+        return densest::pack(request, &plan, (limits, templates), resume, control, started);
     }
     let drawn = Drawn::new(request, control)?;
     let coarse = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3())
@@ -91,7 +96,11 @@ pub fn pack_or_resume(
     kept::set_distance(&mut placed, &request.distance, &request.specimen)?;
     let checked = as_checked(request, placed.distance_mm);
     let times = Times { started, sampling_s };
-    finished(placed, &Finishing { checked: &checked, mix: &mix, coarse, kept, times, limits }, control)
+    finished(
+        placed,
+        &Finishing { checked: &checked, mix: &mix, coarse, kept, times, limits, templates },
+        control,
+    )
 }
 
 /// When a run began, and the time of sampling in s.
@@ -110,12 +119,13 @@ struct Finishing<'a> {
     kept: Kept,
     times: Times,
     limits: &'a Limits,
+    templates: &'a TemplateCache,
 }
 
 /// The packing of grains that are placed, at their final sizes, once they have passed the check.
 fn finished(placed: Placed, of: &Finishing<'_>, control: &dyn Control) -> Result<Packing, PackError> {
     let checking = Instant::now();
-    let check = judged(&placed.grains, of.checked, of.kept.extent(placed.grains.len()), of.limits, control)?;
+    let check = judged(&placed.grains, of, control)?;
     let check_s = checking.elapsed().as_secs_f64();
     let found = (&placed.grains, placed.method_used, check);
     let figures = Figures::new(of.checked, of.mix, of.coarse.clone(), found, &of.kept)?;
@@ -219,6 +229,21 @@ impl Drawn {
         let sampled = Sampled::draw(request, &mix, control)?;
         Ok(Self { mix, sampled })
     }
+}
+
+/// Checks a packing that was read from a file, by the request and the extent of [`checked_as`] or by others: see
+/// [`check::inspect`].
+///
+/// # Errors
+/// The first fault found but for a grading that is not that of the mix.
+pub fn inspect(
+    grains: &Grains,
+    (request, extent): (&PackingRequest, Extent),
+    templates: &TemplateCache,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<check::Inspection, check::Fault> {
+    check::inspect(grains, request, extent, templates.sieve_sizes(), threads, control)
 }
 
 /// The request by which a packing is checked: what was found to be the largest distance is checked like one that is
@@ -443,15 +468,11 @@ fn stopped(placed: usize, grains: usize) -> PackError {
 }
 
 /// Checks the grains by formulas of the check's own.
-fn judged(
-    grains: &Grains,
-    request: &PackingRequest,
-    extent: Extent,
-    limits: &Limits,
-    control: &dyn Control,
-) -> Result<Check, PackError> {
+fn judged(grains: &Grains, of: &Finishing<'_>, control: &dyn Control) -> Result<Check, PackError> {
     let share = Part::new(control, PACKING_SHARE, 1.0);
-    let checked = check::check_grains(grains, request, extent, Scope::All, limits.threads, &share);
+    let extent = of.kept.extent(grains.len());
+    let (sieve_sizes, threads) = (of.templates.sieve_sizes(), of.limits.threads);
+    let checked = check::check_grains(grains, of.checked, extent, Scope::All, sieve_sizes, threads, &share);
     let number = grains.len() as u64;
     let checked = checked.map_err(|fault| match fault {
         check::Fault::Stopped => PackError::Stopped { placed: number, grains: number },
@@ -487,7 +508,7 @@ fn summary(
         specimen_volume_mm3: mix.specimen_volume_mm3,
         volume_fraction_mixture: mix.volume_fraction_mixture,
         volume_fraction_effective: total(&|d| d),
-        volume_fraction_with_coating: total(&|d| d + rule.gap_mm(d, d)),
+        volume_fraction_with_coating: coating::volume_mm3(grains, rule) / mix.specimen_volume_mm3,
         distance_mm: rule.constant_mm(),
         d_min_mm: grains.diameters_mm().last().unwrap_or(0.0),
         d_max_mm: grains.diameters_mm().next().unwrap_or(0.0),

@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use super::{checked_as, pack, pack_or_resume, verify};
-use crate::check::{self, Scope};
+use crate::check::{self, Scope, SieveSizes};
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Finish, Phase, Progress, Unattended};
 use crate::error::PackError;
@@ -16,6 +16,7 @@ use crate::packing::{Grains, GrainsRef, GrowthEnd, Packing, PartialReason, Solid
 use crate::plan::Limits;
 use crate::request::PackingRequest;
 use crate::shape::SolidRef;
+use crate::template_cache::TemplateCache;
 
 type V = Vector3<f64>;
 
@@ -196,7 +197,8 @@ fn assert_kept(request: &PackingRequest, packing: &Packing, gap: f64, wall: f64,
         assert!(excess < 1e-6, "a larger scale would do: {excess} {partial:?}");
     }
     for scope in [Scope::All, Scope::WithoutPairs] {
-        verify(request, &packing.report, &packing.grains, scope, &Unattended).unwrap();
+        verify(request, &packing.report, &packing.grains, scope, &TemplateCache::default(), &Unattended)
+            .unwrap();
     }
     let volume: f64 = match &packing.grains {
         Grains::Spheres(spheres) => spheres.d_mm.iter().map(|d| std::f64::consts::PI / 6.0 * d.powi(3)).sum(),
@@ -359,13 +361,22 @@ fn a_run_that_is_to_finish_ends_with_what_it_has_whatever_its_limits_say() {
         let partial = packing.report.summary.partial.unwrap();
         assert_eq!(partial.reason, PartialReason::Finished, "{phase:?}");
         assert_eq!(partial.grains_placed < partial.grains_requested, phase == Phase::Rsa, "{partial:?}");
-        verify(&request, &packing.report, &packing.grains, Scope::All, &Unattended).unwrap();
+        verify(
+            &request,
+            &packing.report,
+            &packing.grains,
+            Scope::All,
+            &TemplateCache::default(),
+            &Unattended,
+        )
+        .unwrap();
         if let Grains::Spheres(_) = packing.grains {
             check::check_grains(
                 &packing.grains,
                 &checked_as(&request, &packing.report.summary).0,
                 checked_as(&request, &packing.report.summary).1,
                 Scope::All,
+                &SieveSizes::default(),
                 std::num::NonZeroUsize::MIN,
                 &Unattended,
             )
@@ -395,14 +406,26 @@ fn a_partial_packing_is_gone_on_with_when_limits_are_raised() {
     assert!(read(&other).is_err());
 
     let raised = keeps(1_000_000_000, "fail");
-    let whole =
-        pack_or_resume(&raised, &Limits::default(), Some(read(&raised).unwrap()), &Unattended).unwrap();
+    let whole = pack_or_resume(
+        &raised,
+        &Limits::default(),
+        &TemplateCache::default(),
+        Some(read(&raised).unwrap()),
+        &Unattended,
+    )
+    .unwrap();
     let grown = whole.report.statistics.edmd.unwrap();
     assert_eq!((grown.stop, grown.resumes), (GrowthEnd::Target, 1));
     assert!(grown.events > 2000 && whole.report.summary.partial.is_none());
     // The same again to the last bit.
-    let again =
-        pack_or_resume(&raised, &Limits::default(), Some(read(&raised).unwrap()), &Unattended).unwrap();
+    let again = pack_or_resume(
+        &raised,
+        &Limits::default(),
+        &TemplateCache::default(),
+        Some(read(&raised).unwrap()),
+        &Unattended,
+    )
+    .unwrap();
     assert_eq!(again.grains, whole.grains);
 }
 
@@ -414,7 +437,14 @@ fn a_partial_packing_with_any_change_is_refused() {
     let refused = |change: &dyn Fn(&mut Packing)| {
         let mut changed = packing.clone();
         change(&mut changed);
-        let verified = verify(&keeps, &changed.report, &changed.grains, Scope::All, &Unattended);
+        let verified = verify(
+            &keeps,
+            &changed.report,
+            &changed.grains,
+            Scope::All,
+            &TemplateCache::default(),
+            &Unattended,
+        );
         verified.unwrap_err().to_string()
     };
     let partial = |packing: &mut Packing, change: &dyn Fn(&mut crate::packing::Partial)| {
@@ -436,5 +466,8 @@ fn a_partial_packing_with_any_change_is_refused() {
     assert!(refused(&|p| p.report.summary.partial = None).contains("grain"));
     // As of a request that does not keep.
     let fails = PackingRequest { on_limit: crate::request::OnLimit::Fail, ..keeps.clone() };
-    assert!(verify(&fails, &packing.report, &packing.grains, Scope::All, &Unattended).is_err());
+    assert!(
+        verify(&fails, &packing.report, &packing.grains, Scope::All, &TemplateCache::default(), &Unattended)
+            .is_err()
+    );
 }

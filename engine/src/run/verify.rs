@@ -21,13 +21,12 @@ use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, Plan
 use crate::export::tables::{self, Column, GrainSource};
 use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
-use crate::packing::{Grains, GrainsRef, GrowthEnd, Report, Solids, Spheres};
-use crate::plan::{Drawing, Limits, Plan};
+use crate::packing::{Grains, GrowthEnd, Report, Solids, Spheres};
+use crate::plan::{Drawing, Limits};
 use crate::request::{Method, PackingRequest};
 use crate::shape::Polyhedron;
+use crate::template_cache::TemplateCache;
 
-/// Rows that are compared at a time.
-const BLOCK_ROWS: usize = 4096;
 /// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
 /// Relative error of sums of volumes that are computed in another order, and of a scale that is computed again.
@@ -85,7 +84,8 @@ impl From<io::Error> for VerifyError {
 }
 
 /// Verifies a packing that was computed elsewhere: its grains are those that the seed draws, they keep their gaps, and
-/// its report is theirs. With [`Scope::WithoutPairs`] the gaps between grains are left out.
+/// its report is theirs. Templates that earlier runs drew and measured are not drawn again. With
+/// [`Scope::WithoutPairs`] the gaps between grains are left out.
 ///
 /// # Errors
 /// See [`VerifyError`].
@@ -94,8 +94,10 @@ pub fn verify(
     report: &Report,
     source: &dyn GrainSource,
     scope: Scope,
+    templates: &TemplateCache,
     control: &dyn Control,
 ) -> Result<(), VerifyError> {
+    let request: &PackingRequest = &templates.attached(request);
     let of_result = drawn_by(request, report)?;
     let mut drawn = drawn(&of_result, control)?;
     let (requested, drawn_mm3) = (drawn.len(), drawn.sampled.volume_mm3());
@@ -106,7 +108,8 @@ pub fn verify(
     let (method_used, distance_mm) = judge_run(request, report, &grains)?;
     let checked = as_checked(&of_result, distance_mm);
     let extent = kept.extent(grains.len());
-    let check = check::check_grains(&grains, &checked, extent, scope, NonZeroUsize::MIN, control);
+    let (sizes, threads) = (templates.sieve_sizes(), NonZeroUsize::MIN);
+    let check = check::check_grains(&grains, &checked, extent, scope, sizes, threads, control);
     let check = check.map_err(|fault| match fault {
         check::Fault::Stopped => VerifyError::Stopped,
         check::Fault::OutOfMemory { bytes } => VerifyError::OutOfMemory { bytes },
@@ -150,11 +153,13 @@ pub fn verify_failure(
     request: &PackingRequest,
     limits: &Limits,
     told: &PackError,
+    templates: &TemplateCache,
     control: &dyn Control,
 ) -> Result<(), VerifyError> {
+    let request: &PackingRequest = &templates.attached(request);
     match told {
         PackError::Plan(told) => {
-            let found = if let Err(found) = Plan::new(request, limits) {
+            let found = if let Err(found) = templates.plan_attached(request, limits) {
                 Some(found)
             } else {
                 let drawn = drawn(request, control)?;
@@ -249,8 +254,8 @@ impl Drawn {
         if source.columns() != self.columns() {
             return VerifyError::wrong("the packing has columns of another kind of grains than the mix");
         }
-        let grains = tables::load(source)?;
-        match (&grains, &self.sampled) {
+        let mut grains = tables::load(source)?;
+        match (&mut grains, &self.sampled) {
             (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
                 let differs = |grain: &usize| {
                     !same_bits(found.d_mm[*grain], scale * drawn.d_mm[*grain])
@@ -276,6 +281,8 @@ impl Drawn {
                         "the templates of the packing are not those that the seed draws",
                     );
                 }
+                // They are equal, and measured.
+                found.templates.clone_from(&drawn.templates);
                 let differs = |grain: &usize| {
                     !same_shape(&found.shapes[*grain], &partial::scaled(&drawn.shapes[*grain], scale))
                         || found.aggregate.get(*grain) != drawn.aggregate.get(*grain)
@@ -430,24 +437,13 @@ fn same_shape(found: &Solid, drawn: &Solid) -> bool {
 
 /// Whether the columns of a source are those that its grains would be stored with: some follow from others.
 fn same_columns(source: &dyn GrainSource, grains: &Grains) -> Result<(), VerifyError> {
-    let own = GrainsRef::from(grains);
-    let most = BLOCK_ROWS.min(source.len());
-    let (mut found, mut expected) = (vec![0.0; most], vec![0.0; most]);
-    for &column in source.columns() {
-        for start in (0..source.len()).step_by(BLOCK_ROWS) {
-            let rows = BLOCK_ROWS.min(source.len() - start);
-            source.read(column, start, &mut found[..rows])?;
-            own.read(column, start, &mut expected[..rows])?;
-            if let Some(row) = (0..rows).find(|&row| !same_bits(found[row], expected[row])) {
-                let (grain, name) = (start + row, column.name());
-                let (found, expected) = (found[row], expected[row]);
-                return VerifyError::wrong(format!(
-                    "grain {grain} has {found} in the column {name}: must be {expected}"
-                ));
-            }
-        }
+    match tables::difference(source, source.columns(), grains, 0.0)? {
+        None => Ok(()),
+        Some(tables::Difference { grain, column, found, expected }) => VerifyError::wrong(format!(
+            "grain {grain} has {found} in the column {}: must be {expected}",
+            column.name()
+        )),
     }
-    Ok(())
 }
 
 /// Whether a member of the report is what it must be, bit by bit.

@@ -15,6 +15,7 @@ use crate::packing::{Grains, MethodUsed, Packing};
 use crate::plan::Limits;
 use crate::request::{FieldError, PackingRequest};
 use crate::shape::Polyhedron;
+use crate::template_cache::TemplateCache;
 
 const BOTH: [Scope; 2] = [Scope::All, Scope::WithoutPairs];
 
@@ -85,7 +86,7 @@ fn packed(request: &PackingRequest) -> Packing {
 }
 
 fn fault(request: &PackingRequest, packing: &Packing, scope: Scope) -> Option<String> {
-    match verify(request, &packing.report, &packing.grains, scope, &Unattended) {
+    match verify(request, &packing.report, &packing.grains, scope, &TemplateCache::default(), &Unattended) {
         Ok(()) => None,
         Err(VerifyError::Wrong(what)) => Some(what),
         Err(other) => panic!("{other}"),
@@ -248,7 +249,14 @@ fn each_column_is_compared_with_the_grains() {
         for &column in packing.grains.columns() {
             for value in [f64::NAN, f64::INFINITY, 1.0e300, -7.25] {
                 let source = Changed(&packing.grains, column, value);
-                let verified = verify(&request, &packing.report, &source, Scope::WithoutPairs, &Unattended);
+                let verified = verify(
+                    &request,
+                    &packing.report,
+                    &source,
+                    Scope::WithoutPairs,
+                    &TemplateCache::default(),
+                    &Unattended,
+                );
                 let is_wrong = matches!(verified, Err(VerifyError::Wrong(_)));
                 assert!(is_wrong, "{value} in {column:?}: {verified:?}");
             }
@@ -261,8 +269,9 @@ fn a_failure_is_accepted_with_the_figures_of_its_grains_only() {
     let limits = Limits::default();
     let failed =
         |request: &PackingRequest| pack(request, &limits, &Unattended).map(|_| "packed").unwrap_err();
-    let judged =
-        |request: &PackingRequest, told: &PackError| verify_failure(request, &limits, told, &Unattended);
+    let judged = |request: &PackingRequest, told: &PackError| {
+        verify_failure(request, &limits, told, &TemplateCache::default(), &Unattended)
+    };
     let rsa = request(graded(0.6), &json!({"method": {"type": "rsa", "attempts_per_grain": 100}}));
     let told = failed(&rsa);
     assert!(judged(&rsa, &told).is_ok(), "{told}");

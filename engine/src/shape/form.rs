@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::Ellipsoid;
+use super::{Ellipsoid, exceeds};
 use crate::elementary::cbrt;
 use crate::sorting;
 
@@ -54,7 +54,7 @@ impl Form {
     /// The class of Zingg.
     #[must_use]
     pub fn zingg(&self) -> Zingg {
-        match (self.elongation > ZINGG_BOUNDARY, self.flatness > ZINGG_BOUNDARY) {
+        match (exceeds(self.elongation, ZINGG_BOUNDARY), exceeds(self.flatness, ZINGG_BOUNDARY)) {
             (true, true) => Zingg::Equant,
             (true, false) => Zingg::Disc,
             (false, true) => Zingg::Rod,
@@ -82,7 +82,8 @@ pub enum Zingg {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum SizeMeasure {
-    /// The smallest square opening that the grain passes, as in a sieve test.
+    /// The smallest square opening that the grain passes, as in a sieve test. Of polyhedra it is defined as the least
+    /// square that holds their shadow along some direction.
     #[default]
     Sieve,
     /// The diameter of the sphere of equal volume.

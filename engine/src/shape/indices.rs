@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 
-use super::{Ellipsoid, Polyhedron, Pose};
+use super::{Ellipsoid, Polyhedron, Pose, exceeds};
 
 /// Particle size fractions `d_i/D_i` of EN 933-3:2012, table 1, with the width of the slots, `D_i/2` as rounded there;
 /// in mm.
@@ -81,15 +81,17 @@ impl CaliperSizes {
 /// The particle size fraction of EN 933-3 that a grain lies in.
 fn flakiness_fraction(grain: &CaliperSizes) -> Option<usize> {
     let size = grain.sieve_mm;
-    FLAKINESS_FRACTIONS_MM.iter().position(|[low, high, _]| *low < size && size <= *high)
+    FLAKINESS_FRACTIONS_MM.iter().position(|[low, high, _]| exceeds(size, *low) && !exceeds(size, *high))
 }
 
 /// Whether a grain passes the slots of its fraction in EN 933-3; `None` where it lies in none.
-///
-/// A grain passes a slot that is wider than its thickness, `2c` of an ellipsoid.
 fn is_flaky(grain: &CaliperSizes) -> Option<bool> {
-    let fraction = flakiness_fraction(grain)?;
-    Some(grain.thickness_mm < FLAKINESS_FRACTIONS_MM[fraction][2])
+    flakiness_fraction(grain).map(|fraction| passes_slots(grain, fraction))
+}
+
+/// Whether a grain passes the slots of a fraction: they are wider than its thickness, `2c` of an ellipsoid.
+fn passes_slots(grain: &CaliperSizes, fraction: usize) -> bool {
+    exceeds(FLAKINESS_FRACTIONS_MM[fraction][2], grain.thickness_mm)
 }
 
 /// A particle size fraction of EN 933-3 and the grains in it.
@@ -126,8 +128,7 @@ pub fn flakiness_fractions(grains: impl Iterator<Item = CaliperSizes>) -> Vec<Fl
     for grain in grains {
         if let Some(at) = flakiness_fraction(&grain) {
             fractions[at].volume_mm3 += grain.volume_mm3;
-            let is_flaky = grain.thickness_mm < FLAKINESS_FRACTIONS_MM[at][2];
-            fractions[at].flaky_mm3 += if is_flaky { grain.volume_mm3 } else { 0.0 };
+            fractions[at].flaky_mm3 += if passes_slots(&grain, at) { grain.volume_mm3 } else { 0.0 };
         }
     }
     fractions
@@ -136,7 +137,8 @@ pub fn flakiness_fractions(grains: impl Iterator<Item = CaliperSizes>) -> Vec<Fl
 fn is_non_cubical(grain: &CaliperSizes) -> Option<bool> {
     let [low, high] = SHAPE_INDEX_RANGE_MM;
     let size = grain.sieve_mm;
-    (low < size && size <= high).then(|| grain.length_mm / grain.thickness_mm > NON_CUBICAL)
+    let is_in_range = exceeds(size, low) && !exceeds(size, high);
+    is_in_range.then(|| exceeds(grain.length_mm, NON_CUBICAL * grain.thickness_mm))
 }
 
 /// Share of the volume of the grains for which `judge` is true, of all for which it is something.
@@ -229,6 +231,46 @@ mod tests {
         // a/c is 6.7 and 2.
         assert_eq!(shape(&[flaky, round, grain(70.0, 0.3)]), Some(share));
         assert_eq!((flakiness(&[]), shape(&[grain(2.0, 0.3)])), (None, None));
+    }
+
+    /// EN 933-4 counts grains that are more than three times as long as thick, EN 933-3 those that are thinner than the
+    /// slot. Exact ratios and sizes miss these limits by the last digit, on either side.
+    #[test]
+    fn grains_at_a_limit_lie_on_the_side_that_the_standards_say() {
+        for i in 0..500 {
+            let size = 4.5 + 0.037 * f64::from(i % 97) + 0.1 * f64::from(i % 7);
+            let of_ratios = |ratios: [f64; 3]| {
+                CaliperSizes::from(&Ellipsoid::with_sieve_size(size, Form::of_axes(ratios)).unwrap())
+            };
+            assert_eq!(is_non_cubical(&of_ratios([3.0, 2.0, 1.0])), Some(false), "{size}");
+            assert_eq!(is_non_cubical(&of_ratios([0.3, 0.2, 0.1])), Some(false), "{size}");
+            assert_eq!(is_non_cubical(&of_ratios([3.000_001, 2.0, 1.0])), Some(true), "{size}");
+        }
+        for [low, high, slot] in FLAKINESS_FRACTIONS_MM {
+            for flatness in [0.37, 0.41, 0.45, 0.6, 0.83, 1.0] {
+                // As large as the upper sieve, as the lower one, and a little larger than this.
+                let of_size = |mm: f64| CaliperSizes::from(&grain(mm, flatness));
+                assert_eq!(
+                    flakiness_fraction(&of_size(high)).map(|i| FLAKINESS_FRACTIONS_MM[i][1]),
+                    Some(high)
+                );
+                let below = flakiness_fraction(&of_size(low)).map(|i| FLAKINESS_FRACTIONS_MM[i][1]);
+                assert_eq!(below, (low > 4.0).then_some(low));
+                let above = flakiness_fraction(&of_size(low * (1.0 + 1e-6)));
+                assert_eq!(above.map(|i| FLAKINESS_FRACTIONS_MM[i][1]), Some(high));
+            }
+            // As thick as the slot is wide: a/c of (a, b, c) with b such that the sieve size lies in the fraction.
+            let c = slot / 2.0;
+            let b = ((0.49 * (low + high)).powi(2) / 2.0 - c * c).sqrt();
+            for factor in [1.0, 1.0 - 1e-15, 1.0 + 1e-15] {
+                let thick = CaliperSizes::from(&Ellipsoid::new([2.0 * b, b, c * factor]).unwrap());
+                assert_eq!(super::is_flaky(&thick), Some(false), "{low}..{high}");
+            }
+            let thin = CaliperSizes::from(&Ellipsoid::new([2.0 * b, b, c * (1.0 - 1e-6)]).unwrap());
+            assert_eq!(super::is_flaky(&thin), Some(true), "{low}..{high}");
+        }
+        let range = |mm: f64| is_non_cubical(&CaliperSizes::from(&grain(mm, 0.7))).is_some();
+        assert_eq!([4.0, 4.000_001, 63.0, 63.000_1].map(range), [false, true, true, false]);
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod carlson;
 mod ellipsoid;
 mod form;
 mod indices;
+mod parallel;
 pub mod polyhedron;
 mod pose;
 mod quantile;
@@ -20,9 +21,19 @@ pub use indices::{
     BodyAxis, CaliperSizes, FlakinessFraction, flakiness_fractions, flakiness_index, orientation_tensor,
     shape_index,
 };
+pub use parallel::ParallelBody;
 pub(crate) use polyhedron::Principal;
 pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;
 pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
 pub use sampler::RatioSampler;
 pub use solid::{Solid, SolidRef};
+
+/// Relative error of sizes and ratios that were computed from others, which a limit must not see.
+const ROUNDING: f64 = 1.0e-9;
+
+/// Whether a positive quantity that was computed exceeds a limit by more than rounding: a grain with the ratio 3:1 is
+/// not more than three times as long as thick.
+pub(crate) fn exceeds(quantity: f64, limit: f64) -> bool {
+    quantity > limit * (1.0 + ROUNDING)
+}

@@ -100,6 +100,15 @@ impl RatioSampler {
         self.mean_volume_ratio
     }
 
+    /// Whether all grains have one form.
+    pub(crate) fn is_constant(&self) -> bool {
+        match &self.law {
+            Law::Independent { elongation: Quantiles::Constant(_), flatness: Quantiles::Constant(_) } => true,
+            Law::Measured { forms, .. } => forms.len() == 1,
+            Law::Independent { .. } | Law::Triangle { .. } => false,
+        }
+    }
+
     /// The least value of the same ratio.
     #[must_use]
     pub fn least_volume_ratio(&self) -> f64 {

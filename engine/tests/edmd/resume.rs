@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use packstone_engine::packing::EdmdStatistics;
 use packstone_engine::{
     Checkpoint, CheckpointError, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume,
-    Unattended, pack, pack_or_resume,
+    TemplateCache, Unattended, pack, pack_or_resume,
 };
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -62,7 +62,7 @@ enum Killed {
 /// Packs until the question.
 fn killed_at(question: u32, request: &PackingRequest, from: Option<Resume>) -> Killed {
     let killer = Killer::at(question);
-    let ended = pack_or_resume(request, &Limits::default(), from, &killer);
+    let ended = pack_or_resume(request, &Limits::default(), &TemplateCache::default(), from, &killer);
     match (killer.kept.into_inner().unwrap(), ended) {
         (Some(bytes), Err(PackError::Stopped { .. })) => Killed::At(bytes),
         (None, Ok(packing)) => Killed::Never(Box::new(packing)),
@@ -106,7 +106,9 @@ fn check(name: &str, value: &Value, seed: u64, questions: &[u32]) -> usize {
         let Killed::At(bytes) = killed_at(question, &request, None) else { continue };
         asked += 1;
         let from = resume(&bytes, &request);
-        let resumed = pack_or_resume(&request, &Limits::default(), Some(from), &Unattended).unwrap();
+        let resumed =
+            pack_or_resume(&request, &Limits::default(), &TemplateCache::default(), Some(from), &Unattended)
+                .unwrap();
         assert_eq!(resumed.report.statistics.edmd.unwrap().resumes, 1, "{what}");
         assert_same(&whole, &resumed, &what);
     }

@@ -7,7 +7,7 @@ use packstone_engine::packing::GrowthEnd;
 use packstone_engine::request::{Boundary, Specimen};
 use packstone_engine::{
     Checkpoint, Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase,
-    Progress, Resume, TargetNotReached, Unattended, pack, pack_or_resume,
+    Progress, Resume, TargetNotReached, TemplateCache, Unattended, pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -92,7 +92,9 @@ fn a_packing_that_jams_just_below_its_target_is_expanded_and_reaches_it() {
     // It goes on from a checkpoint between two expansions to the same packing.
     let kept = keeping.0.into_inner().unwrap();
     let resume = Resume::read_from(&mut kept.last().unwrap().as_slice(), &request).unwrap();
-    let resumed = pack_or_resume(&request, &Limits::default(), Some(resume), &Unattended).unwrap();
+    let resumed =
+        pack_or_resume(&request, &Limits::default(), &TemplateCache::default(), Some(resume), &Unattended)
+            .unwrap();
     assert_eq!(resumed.grains, packing.grains);
     let again = resumed.report.statistics.edmd.unwrap();
     assert_eq!((again.expansions, again.events, again.resumes), (grown.expansions, grown.events, 1));

@@ -1,6 +1,6 @@
 //! Growth does not depend on the number of threads, also where it is interrupted.
 
-use packstone_engine::{Limits, Packing, PackingRequest, Unattended, pack_or_resume};
+use packstone_engine::{Limits, Packing, PackingRequest, TemplateCache, Unattended, pack_or_resume};
 use serde_json::{Value, json};
 
 use super::resume::{Killer, resume};
@@ -18,7 +18,7 @@ fn request(specimen: &Value, distance: &Value, d_min_mm: f64) -> PackingRequest 
 
 fn grown(request: &PackingRequest, threads: usize) -> Packing {
     let limits = Limits { threads: threads.try_into().unwrap(), ..Limits::default() };
-    pack_or_resume(request, &limits, None, &Unattended).unwrap()
+    pack_or_resume(request, &limits, &TemplateCache::default(), None, &Unattended).unwrap()
 }
 
 #[test]
@@ -48,10 +48,16 @@ fn growth_does_not_depend_on_the_threads() {
     let request = request(&cases[2].0, &constant, 0.5);
     let killer = Killer::at(2);
     let limits = |threads: usize| Limits { threads: threads.try_into().unwrap(), ..Limits::default() };
-    assert!(pack_or_resume(&request, &limits(3), None, &killer).is_err());
+    assert!(pack_or_resume(&request, &limits(3), &TemplateCache::default(), None, &killer).is_err());
     let checkpoint = killer.kept();
-    let ended =
-        pack_or_resume(&request, &limits(2), Some(resume(&checkpoint, &request)), &Unattended).unwrap();
+    let ended = pack_or_resume(
+        &request,
+        &limits(2),
+        &TemplateCache::default(),
+        Some(resume(&checkpoint, &request)),
+        &Unattended,
+    )
+    .unwrap();
     assert_eq!(ended.spheres(), grown(&request, 1).spheres());
 }
 
@@ -97,9 +103,15 @@ fn growth_in_blocks_does_not_depend_on_the_threads() {
     let request = in_blocks(&json!({"type": "cylinder", "diameter_mm": 56, "height_mm": 56}), &none);
     let killer = Killer::at(6);
     let limits = |threads: usize| Limits { threads: threads.try_into().unwrap(), ..Limits::default() };
-    assert!(pack_or_resume(&request, &limits(2), None, &killer).is_err());
+    assert!(pack_or_resume(&request, &limits(2), &TemplateCache::default(), None, &killer).is_err());
     let checkpoint = killer.kept();
-    let resumed =
-        pack_or_resume(&request, &limits(3), Some(resume(&checkpoint, &request)), &Unattended).unwrap();
+    let resumed = pack_or_resume(
+        &request,
+        &limits(3),
+        &TemplateCache::default(),
+        Some(resume(&checkpoint, &request)),
+        &Unattended,
+    )
+    .unwrap();
     assert_eq!(resumed.spheres(), one_thread(&request).spheres());
 }

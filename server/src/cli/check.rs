@@ -1,4 +1,5 @@
-//! `packstone check`: whether every file of a data directory is what the database says, and the database sound.
+//! `packstone check`: whether a packing is valid, or whether every file of a data directory is what the database says,
+//! and the database sound.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -9,6 +10,8 @@ use clap::Args;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Connection as _, SqliteConnection};
 
+use super::check_packing::PackingOptions;
+use super::exit::Exit;
 use super::{Failure, block_on, print};
 use crate::artifacts::{Artifacts, Settled};
 use crate::blobs::owner::{self, Owner, OwnerError};
@@ -28,9 +31,12 @@ const UNFINISHED_FOR: Duration = Duration::from_hours(1);
 /// Options of `packstone check`.
 #[derive(Args)]
 pub(super) struct Options {
-    /// Data directory of a service, running or not, or a backup of one
-    #[arg(default_value = "packstone-data")]
+    /// Data directory of a service, running or not, or a backup of one; or a packing in a file: a result as JSON or as
+    /// the service stores it, or a table of grains
+    #[arg(value_name = "FOLDER-OR-FILE", default_value = "packstone-data")]
     directory: PathBuf,
+    #[command(flatten)]
+    packing: PackingOptions,
     /// Database of PostgreSQL that the service uses, as `postgres://user@host/database`
     #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
     store: Option<String>,
@@ -48,6 +54,15 @@ pub(super) struct Found {
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let directory = &options.directory;
+    if directory.is_file() {
+        return options.packing.check(directory);
+    }
+    if options.packing.are_given() {
+        let path = directory.display();
+        return Err(Exit::BadInput.because(format_args!(
+            "{path} is no file: --specimen, --figures, --json and --threads are for packings in files"
+        )));
+    }
     let (mut faults, files) = match &options.store {
         Some(_) => {
             let database = options.database()?;

@@ -11,16 +11,16 @@ use clap::{Args, Parser};
 use hyper::Response;
 use hyper::body::Incoming;
 use indicatif::{ProgressBar, ProgressStyle};
-use packstone_engine::export::Model;
 use serde_json::Value;
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{PICTURE, write_picture};
 use super::http_client::{Client, chunk, json};
+use super::input::Input;
 use super::outputs::refuse_existing;
 use super::signals::stop_on_signals;
 use super::unfinished::Unfinished;
-use super::{block_on, export, print_files};
+use super::{block_on, packing_file, print_files};
 use crate::atomic_file::Pieces;
 use crate::config::{ServeOptions, cores};
 use crate::service::Service;
@@ -66,9 +66,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     unfinished.begin(&all, None)?;
     let data_dir = options.out.join("data");
     let summary = unfinished.ended(block_on(demonstrate(data_dir.clone(), &files)).and_then(|summary| {
-        let packed = export::read(&files[0])?;
-        let model = Model::new(&packed.specimen, &packed.grains);
-        write_picture(&model, &picture, cores(), &stop_on_signals()?)?;
+        let stop = stop_on_signals()?;
+        let packing = packing_file::read(&files[0], None, &Input::default(), cores(), &stop)?;
+        write_picture(&packing.model(), &picture, cores(), &stop)?;
         Ok(summary)
     }))?;
     say(&format!(

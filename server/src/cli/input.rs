@@ -19,6 +19,12 @@ pub(super) struct Input {
     max_body_bytes: u64,
 }
 
+impl Default for Input {
+    fn default() -> Self {
+        Self { max_body_bytes: DEFAULT_MAX_BODY_BYTES }
+    }
+}
+
 impl Input {
     /// Reads a request as JSON; `-` is standard input.
     pub(super) fn json(&self, file: &Path) -> Result<Value, Failure> {

@@ -7,6 +7,7 @@ mod backup;
 mod bar;
 mod bench;
 mod check;
+mod check_packing;
 mod demo;
 mod differences;
 mod exit;
@@ -19,6 +20,7 @@ mod key;
 mod migrate_store;
 mod openapi;
 mod outputs;
+mod packing_file;
 mod plan;
 mod process;
 mod run;
@@ -69,7 +71,7 @@ enum Command {
     Bench(bench::Options),
     /// Copy the data directory of a service, running or not
     Backup(backup::Options),
-    /// Check every file of a data directory against the database
+    /// Check a packing in a file, or every file of a data directory against the database
     Check(check::Options),
     /// Move what a store holds from a data directory to PostgreSQL, or back
     MigrateStore(migrate_store::Options),

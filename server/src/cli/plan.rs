@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::{Limits, Plan};
+use packstone_engine::{Limits, TemplateCache};
 
 use super::exit::Failure;
 use super::exports;
@@ -35,7 +35,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let job = read_job(&options.input, &options.job, request::draw_seed())?;
     let packing = job.packing();
     let limits = limits_of_one_packing(options.max_grains);
-    let plan = Plan::new(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
+    let templates = TemplateCache::default();
+    let packing = templates.attached(&packing);
+    let plan = templates.plan(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
     run::warn(&plan.warnings);
     let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();
     for export in &named {

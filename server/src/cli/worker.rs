@@ -158,6 +158,7 @@ async fn work(
         checkpoints,
         disk,
         metrics: Arc::new(Metrics::default()),
+        templates: Arc::default(),
     };
     let executor = Executor { kind: packings, shutdown: shutdown.clone() };
     tasks::spawn(memory::release_regularly(shutdown.clone()));

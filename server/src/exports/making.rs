@@ -14,7 +14,7 @@ use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
 use packstone_engine::request::Specimen;
 use tokio_util::sync::CancellationToken;
 
-use super::{ExportRecord, StoredFile};
+use super::{ExportRecord, StoredFile, distance_kept};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
@@ -111,10 +111,11 @@ impl TaskKind for Exports {
             result_sha256: Some(claimed.result.sha256.clone()),
             ..Provenance::from(stored.head())
         };
+        let distance = distance_kept(stored.head());
         drop(stored);
         let max_model_bytes = self.here.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.here.limits };
-        let model = Model::new(&specimen, &grains).with_provenance(&provenance);
+        let model = Model::new(&specimen, &grains).with_distance(distance).with_provenance(&provenance);
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }

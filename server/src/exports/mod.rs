@@ -7,13 +7,17 @@
 pub(crate) mod estimates;
 pub(crate) mod making;
 
+use packstone_engine::checked_as;
+use packstone_engine::export::tables::Head;
 use packstone_engine::export::{ExportRequest, ExportType, REVISION};
+use packstone_engine::request::Distance;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::failure::Failure;
 use crate::hex;
 use crate::ids::{ExportId, JobId};
+use crate::jobs::JobRequest;
 
 /// Most that one job may ask for beforehand.
 pub(crate) const MAX_POSTPROCESS: usize = 8;
@@ -21,6 +25,14 @@ pub(crate) const MAX_POSTPROCESS: usize = 8;
 pub(crate) const MAX_KEPT: u64 = 100;
 /// Most that may wait because clients asked for it; what jobs asked for beforehand is bounded by the jobs.
 pub(crate) const MAX_WAITING: u64 = 1000;
+
+/// The gaps that the grains of a result keep: the rule of its request, with the distance that was reached where the
+/// largest was requested. None where this version does not read the request.
+pub(crate) fn distance_kept(head: &Head) -> Distance {
+    let none = Distance::None { wall_gap_mm: None };
+    JobRequest::read(&head.request, 0, None)
+        .map_or(none, |request| checked_as(&request.packing(), &head.report.summary).0.distance)
+}
 
 /// The state of an export.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]

@@ -26,10 +26,11 @@ mod study;
 use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use packstone_engine::export::ExportError;
 use packstone_engine::{
-    CheckpointError, FieldError, Limits, PackError, PackingRequest, Plan, Resume, checkpoint,
+    CheckpointError, FieldError, Limits, PackError, PackingRequest, Resume, TemplateCache, checkpoint,
 };
 use serde::Serialize;
 
@@ -45,6 +46,9 @@ use crate::strict_json;
 pub use packed::{Packed, companion};
 pub use run::Run;
 pub use study::{Study, run_of_study};
+
+/// The templates of angular grains of all jobs and studies of the process.
+static TEMPLATES: LazyLock<TemplateCache> = LazyLock::new(TemplateCache::default);
 
 /// How a call ends that does not give what was asked for.
 #[derive(Debug, thiserror::Error)]
@@ -131,7 +135,8 @@ impl Job {
     /// [`Ended::Refused`], as a submission is.
     pub fn plan(&self) -> Result<String, Ended> {
         let packing = self.request.packing();
-        let plan = Plan::new(&packing, &self.limits).map_err(Failure::from)?.with_proposal(&packing);
+        let packing = TEMPLATES.attached(&packing);
+        let plan = TEMPLATES.plan(&packing, &self.limits).map_err(Failure::from)?.with_proposal(&packing);
         let exports = planned(self.request.exports(), &packing, &plan);
         to_json(&JobPlan { plan, exports })
     }
@@ -164,7 +169,8 @@ impl Job {
         };
         let (timeout_s, on_limit) = (self.request.timeout_s, self.request.on_limit);
         run.begin(self.checkpoint.as_deref(), resume.is_some(), timeout_s, on_limit);
-        let packed = packstone_engine::pack_or_resume(&packing_request, &self.limits, resume, run);
+        let packed =
+            packstone_engine::pack_or_resume(&packing_request, &self.limits, &TEMPLATES, resume, run);
         // A partial packing can be gone on with.
         let is_final = match &packed {
             Ok(packing) => packing.report.summary.partial.is_none(),

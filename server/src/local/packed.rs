@@ -13,6 +13,7 @@ use serde_json::{Map, Value};
 use super::{Ended, Run, named, refused, to_json, unknown};
 use crate::atomic_file::write_buffered;
 use crate::config::limits_of_one_packing;
+use crate::exports::distance_kept;
 use crate::failure::Failure;
 use crate::formats::ResultFormat;
 use crate::jobs::JobRequest;
@@ -124,7 +125,9 @@ impl Packed {
         let export = read_export(export, options)?;
         let specimen = self.specimen()?;
         let provenance = Provenance::from(&self.head);
-        let model = Model::new(&specimen, &self.grains).with_provenance(&provenance);
+        let model = Model::new(&specimen, &self.grains)
+            .with_distance(distance_kept(&self.head))
+            .with_provenance(&provenance);
         to_json(&export.write(&model, &self.limits, run, out)?)
     }
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use packstone_engine::check::Scope;
 use packstone_engine::export::tables;
-use packstone_engine::{Limits, VerifyError, verify, verify_failure};
+use packstone_engine::{Limits, TemplateCache, VerifyError, verify, verify_failure};
 use serde_json::Value;
 use tokio::sync::oneshot;
 use tokio::task::JoinSet;
@@ -47,6 +47,7 @@ pub(crate) struct Checks {
     pub(crate) checkpoints: Checkpoints,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) limits: Limits,
+    pub(crate) templates: Arc<TemplateCache>,
     /// Threads that check.
     pub(crate) threads: usize,
     /// Share of the results whose pairs are checked, from 0 to 1.
@@ -216,7 +217,7 @@ impl Checks {
                     ));
                 };
                 let packing = request.packing();
-                match verify_failure(&packing, &self.limits, &told, control) {
+                match verify_failure(&packing, &self.limits, &told, &self.templates, control) {
                     Ok(()) => {
                         let took = received.at - received.started_at.unwrap_or(received.at);
                         let facts = Facts::of_failure(&told, took.max(0) as f64 / 1e6);
@@ -241,7 +242,7 @@ impl Checks {
             Err(error) => return Verdict::Lost(error.to_string()),
         };
         let report = &stored.head().report;
-        match verify(&request.packing(), report, &stored, scope, control) {
+        match verify(&request.packing(), report, &stored, scope, &self.templates, control) {
             Ok(()) => {
                 let bytes = match stored.count_lengths() {
                     Ok(bytes) => bytes,

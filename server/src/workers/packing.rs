@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Plan, Progress};
+use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Progress, TemplateCache};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
@@ -47,6 +47,8 @@ pub(crate) struct Packings {
     pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
     pub(crate) metrics: Arc<Metrics>,
+    /// Templates of angular grains, for all jobs of the process.
+    pub(crate) templates: Arc<TemplateCache>,
 }
 
 /// Where jobs come from, and who is told of them.
@@ -127,7 +129,7 @@ impl TaskKind for Packings {
         if !request.on_limit.is_fail() {
             control.keep_past_deadline();
         }
-        let bytes = Plan::new(&request, &work.limits)
+        let bytes = (self.templates.plan(&request, &work.limits))
             .map_or(0, |plan| Storage::bytes_of_result(plan.grains, &request.mix));
         if let Err(no_room) = fits(bytes, work.room) {
             tracing::warn!(%no_room, "the result would not fit; the job waits");
@@ -139,7 +141,8 @@ impl TaskKind for Packings {
         if resume.is_some() {
             control.resumed();
         }
-        let packed = packstone_engine::pack_or_resume(&request, &work.limits, resume, control);
+        let packed =
+            packstone_engine::pack_or_resume(&request, &work.limits, &self.templates, resume, control);
         let packed = packed.map_err(|error| {
             if let PackError::CheckFailed(what) = &error {
                 tracing::error!(%what, "a packing failed its check");

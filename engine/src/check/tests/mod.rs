@@ -28,6 +28,11 @@ fn request(specimen: &Value, distance: &Value, diameters: &[f64]) -> PackingRequ
     PackingRequest::from_json(&value, 1).unwrap()
 }
 
+/// The certificates of pairs, without those of walls.
+fn of_pairs(list: Vec<SeparationCertificate>) -> Vec<SeparationCertificate> {
+    list.into_iter().filter(|certificate| certificate.second.is_some()).collect()
+}
+
 fn specimen(kind: u64) -> Value {
     match kind % 3 {
         0 => json!({"type": "box", "size_mm": SIZE}),

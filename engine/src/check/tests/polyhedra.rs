@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::Value;
 
-use super::{SIZE, request, rule, specimen};
+use super::{SIZE, of_pairs, request, rule, specimen};
 use crate::Unattended;
 use crate::check::body::Polyhedron as Checked;
 use crate::check::required::Required;
@@ -17,6 +17,7 @@ use crate::gap::polyhedra::Body;
 use crate::request::PackingRequest;
 use crate::rng::draws::{between, direction};
 use crate::rng::{Stream, stream, uniform};
+use crate::shape::polyhedron::SievePassage;
 use crate::shape::polyhedron::samples::{cuboid, hull, octahedron};
 use crate::shape::{Polyhedron, ScaledPolyhedron};
 use crate::shape::{Pose, SizeMeasure};
@@ -335,12 +336,12 @@ fn every_certificate_of_polyhedra_can_be_evaluated_again() {
         let request = request_for(&specimen(kind), &rule(1), &grains);
         let shapes: Vec<_> = grains.iter().map(|grain| grain.shape().into()).collect();
         let poses: Vec<_> = grains.iter().map(|grain| grain.pose).collect();
-        let list = certify_shapes(&shapes, &poses, &request, 1.5, &Unattended).unwrap();
+        let list = of_pairs(certify_shapes(&shapes, &poses, &request, 1.5, &Unattended).unwrap());
         assert!(list.len() > 50, "{}", list.len());
         for c in &list {
             let n = V::from(c.normal).normalize();
             let shift = V::from_fn(|k, _| f64::from(c.image[k]) * SIZE[k]);
-            let (a, b) = (grains[c.first].body(), grains[c.second].body());
+            let (a, b) = (grains[c.first].body(), grains[c.second.unwrap()].body());
             let s = a.with_at(&b, b.center_mm + shift).separation_mm(&n);
             assert!((s - c.separation_mm).abs() < 1e-12 && (0.7..1.5).contains(&s), "{c:?} {s}");
         }
@@ -354,4 +355,28 @@ fn every_certificate_of_polyhedra_can_be_evaluated_again() {
             assert_eq!((0..bodies.len()).map(closer).sum::<usize>(), list.len());
         }
     }
+}
+
+/// A size that is not the least, one that the body does not pass, and directions that do not show it are refused.
+#[test]
+fn sieve_sizes_that_are_not_proven_are_refused() {
+    let body = cuboid([3.0, 1.0, 0.8], 0.0);
+    let found = body.sieve_passage();
+    let known = 2.0_f64;
+    let sizes = SieveSizes::default();
+    assert!((sizes.proven(&body).unwrap() - known).abs() < 1e-9);
+    let sides = found.sides;
+    for (size, sides) in [
+        (known * (1.0 + 1e-8), sides),
+        (known * (1.0 - 1e-8), sides),
+        (known * 1.01, [sides[1], sides[0]]),
+        (known, [V::x(), V::y()]),
+        (known, [sides[0] * 0.9, sides[1]]),
+        (known, [sides[0], sides[0]]),
+        (f64::NAN, sides),
+    ] {
+        let refused = sizes.proven(&body.with_passage(SievePassage { size, sides }));
+        assert!(matches!(refused, Err(Fault::SieveSize { .. })), "{size} {sides:?}: {refused:?}");
+    }
+    assert_eq!(sizes.len(), 1, "the proof is the same for all");
 }

@@ -92,7 +92,8 @@ fn check_and_certificates_of_shapes_are_the_same_on_any_number_of_threads() {
         assert_eq!(same(&found(&grains, &request, &Stop)), &Err(Fault::Stopped));
         let certified = THREADS.map(|threads| {
             let threads = NonZeroUsize::new(threads).unwrap();
-            certify(GrainsRef::from(&grains), &request.specimen, 0.3, threads, &Unattended).unwrap()
+            certify(GrainsRef::from(&grains), (request.distance, request.specimen), 0.3, threads, &Unattended)
+                .unwrap()
         });
         assert!(certified[0].len() > 300);
         assert!(certified.iter().all(|other| *other == certified[0]));

@@ -19,7 +19,8 @@ pub enum Column {
     Z,
     /// Diameter of the sphere of equal volume in mm.
     Diameter,
-    /// Smallest square sieve opening that the grain passes, in mm.
+    /// Smallest square sieve opening that the grain passes, in mm. Of a polyhedron it is defined as the least square
+    /// that holds its shadow along some direction.
     Sieve,
     /// Real part of the orientation quaternion.
     Qw,

@@ -5,12 +5,13 @@ use std::io;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::columns::{Column, ELLIPSOID_ROW, MIXED_ROW, POLYHEDRON_ROW};
-use super::source::{GrainSource, OF_ELLIPSOID, for_each_block, for_each_rows};
+use super::source::{BLOCK_ROWS, GrainSource, OF_ELLIPSOID, for_each_block, for_each_rows};
 use crate::arrays::{self, Each as _};
 use crate::memory::{filled, reserved};
 use crate::packing::{Grains, Solids, Spheres};
 use crate::request::GrainKind;
 use crate::shape::{Ellipsoid, Pose, Solid};
+use crate::sorting;
 
 /// Data that are no result.
 pub(super) fn invalid(what: String) -> io::Error {
@@ -32,8 +33,8 @@ pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
 /// Reads all columns of a result into memory: [`loaded_bytes`].
 ///
 /// # Errors
-/// Those of the source, [`io::ErrorKind::OutOfMemory`], and [`io::ErrorKind::InvalidData`] for an ellipsoid whose
-/// semi-axes are not positive, and for a polyhedron without a template, a diameter or an orientation.
+/// Those of the source, [`io::ErrorKind::OutOfMemory`], and [`io::ErrorKind::InvalidData`] for a grain with a
+/// coordinate that is no number, without a positive size, without an orientation, or without its template.
 pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
     let column = |column| -> io::Result<Vec<f64>> {
         let mut values = filled(source.len(), 0.0)?;
@@ -43,13 +44,17 @@ pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
     let aggregate = load_aggregate(source)?;
     let solids = match source.kind() {
         GrainKind::Spheres => {
-            return Ok(Grains::Spheres(Spheres {
+            let spheres = Spheres {
                 x_mm: column(Column::X)?,
                 y_mm: column(Column::Y)?,
                 z_mm: column(Column::Z)?,
                 d_mm: column(Column::Diameter)?,
                 aggregate,
-            }));
+            };
+            for (grain, &d_mm) in spheres.d_mm.iter().enumerate() {
+                judge_numbers(grain, spheres.center(grain), d_mm)?;
+            }
+            return Ok(Grains::Spheres(spheres));
         }
         GrainKind::Ellipsoids => load_ellipsoids(source)?,
         GrainKind::Polyhedra | GrainKind::Mixed => load_polyhedra(source)?,
@@ -79,25 +84,107 @@ fn load_aggregate(source: &dyn GrainSource) -> io::Result<Vec<u16>> {
 fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
     let mut grains = Solids { shapes: reserved(rows)?, poses: reserved(rows)?, ..Solids::default() };
-    let mut fault = None;
     for_each_block(source, ELLIPSOID_ROW, |columns| {
         for row in 0..columns[0].len() {
             let [x, y, z, w, i, j, k, a, b, c] = columns.each(|column| column[row]);
-            let Some(shape) = Ellipsoid::new([a, b, c]) else {
-                fault.get_or_insert(grains.shapes.len());
-                continue;
-            };
-            let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+            let grain = grains.shapes.len();
+            let shape = Ellipsoid::new([a, b, c]).ok_or_else(|| no_semi_axes(grain))?;
+            judge_numbers(grain, [x, y, z], shape.equivalent_diameter_mm())?;
             grains.shapes.push(shape.into());
+            let orientation = orientation(grain, [w, i, j, k])?;
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
         }
         Ok(())
     })?;
-    match fault {
-        None => Ok(grains),
-        Some(grain) => Err(invalid(format!("the semi-axes of grain {grain} are not positive numbers"))),
-    }
+    Ok(grains)
 }
+
+fn no_semi_axes(grain: usize) -> io::Error {
+    invalid(format!("the semi-axes of grain {grain} are not positive numbers"))
+}
+
+/// Refuses a centre or a diameter that are no numbers.
+fn judge_numbers(grain: usize, center_mm: [f64; 3], d_mm: f64) -> io::Result<()> {
+    if center_mm.iter().all(|x| x.is_finite()) && d_mm.is_finite() && d_mm > 0.0 {
+        return Ok(());
+    }
+    Err(invalid(format!("grain {grain} has a coordinate that is no number, or no positive diameter")))
+}
+
+/// The orientation of a grain by its quaternion, whose numbers stay as they are.
+fn orientation(grain: usize, [w, i, j, k]: [f64; 4]) -> io::Result<UnitQuaternion<f64>> {
+    let quaternion = Quaternion::new(w, i, j, k);
+    let length = quaternion.norm();
+    if (length - 1.0).abs() <= UNIT_TOLERANCE {
+        return Ok(UnitQuaternion::new_unchecked(quaternion));
+    }
+    Err(invalid(format!(
+        "grain {grain} has an orientation that is no unit quaternion: its length is {length}"
+    )))
+}
+
+/// The rows of a source from the largest diameter down; `None` where they stand in this order, but for rounding.
+///
+/// # Errors
+/// Those of the source.
+pub fn descending(source: &dyn GrainSource) -> io::Result<Option<Vec<usize>>> {
+    let mut diameters = filled(source.len(), 0.0)?;
+    source.read(Column::Diameter, 0, &mut diameters)?;
+    if !diameters.windows(2).any(|pair| pair[1] > pair[0] * (1.0 + ORDER_TOLERANCE)) {
+        return Ok(None);
+    }
+    let mut rows: Vec<usize> = (0..source.len()).collect();
+    sorting::by_number(&mut rows, |&row| -diameters[row]);
+    Ok(Some(rows))
+}
+
+/// A value of a source that is not that of its grain.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Difference {
+    /// Row of the grain.
+    pub grain: usize,
+    /// The column.
+    pub column: Column,
+    /// The value in the source.
+    pub found: f64,
+    /// The value that follows from the other columns.
+    pub expected: f64,
+}
+
+/// The first value of these columns of a source that its grains would not be stored with, up to a relative tolerance:
+/// some columns follow from others.
+///
+/// # Errors
+/// Those of the source.
+pub fn difference(
+    source: &dyn GrainSource,
+    columns: &[Column],
+    grains: &Grains,
+    tolerance: f64,
+) -> io::Result<Option<Difference>> {
+    let most = BLOCK_ROWS.min(source.len());
+    let (mut found, mut expected) = (vec![0.0; most], vec![0.0; most]);
+    for &column in columns {
+        for start in (0..source.len()).step_by(BLOCK_ROWS) {
+            let rows = BLOCK_ROWS.min(source.len() - start);
+            source.read(column, start, &mut found[..rows])?;
+            grains.read(column, start, &mut expected[..rows])?;
+            let differs = |row: &usize| {
+                let (found, expected): (f64, f64) = (found[*row], expected[*row]);
+                let is_near = (found - expected).abs() <= tolerance * expected.abs();
+                found.to_bits() != expected.to_bits() && !(tolerance > 0.0 && is_near)
+            };
+            if let Some(row) = (0..rows).find(differs) {
+                let (found, expected) = (found[row], expected[row]);
+                return Ok(Some(Difference { grain: start + row, column, found, expected }));
+            }
+        }
+    }
+    Ok(None)
+}
+
+/// By how much a diameter may exceed that of the grain before: equivalent diameters are rounded.
+const ORDER_TOLERANCE: f64 = 1.0e-9;
 
 /// Reads polyhedra, and ellipsoids among them; the numbers of the source stay as they are.
 fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
@@ -114,7 +201,7 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
             let semi_axes = columns.get(POLYHEDRON_ROW.len()..).filter(|axes| axes.len() == 3);
             let semi_axes = semi_axes.filter(|_| template == OF_ELLIPSOID);
             let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].each(|k| axes[k][row]))) {
-                Some(None) => return fault("has semi-axes that are not positive numbers".into()),
+                Some(None) => return Err(no_semi_axes(grain)),
                 Some(found) => found,
                 None => None,
             };
@@ -124,18 +211,8 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
                     "has the template {template}, and there are {templates}, counted from 0"
                 ));
             }
-            if !([x, y, z, d].iter().all(|x| x.is_finite()) && d > 0.0) {
-                return fault("has a coordinate that is no number, or no positive diameter".into());
-            }
-            let quaternion = Quaternion::new(w, i, j, k);
-            let is_unit = (quaternion.norm() - 1.0).abs() <= UNIT_TOLERANCE;
-            if !is_unit {
-                return fault(format!(
-                    "has an orientation that is no unit quaternion: its length is {}",
-                    quaternion.norm()
-                ));
-            }
-            let orientation = UnitQuaternion::new_unchecked(quaternion);
+            judge_numbers(grain, [x, y, z], d)?;
+            let orientation = orientation(grain, [w, i, j, k])?;
             let polyhedron = || Solid::Polyhedron { template: template as u32, d_mm: d };
             grains.shapes.push(ellipsoid.map_or_else(polyhedron, Solid::Ellipsoid));
             grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
@@ -145,7 +222,7 @@ fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
     Ok(grains)
 }
 
-/// How far the length of the quaternion of a polyhedron may be from 1.
+/// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
 
 /// What a grain of a result with polyhedra is read from: the semi-axes come last, where there are ellipsoids too.

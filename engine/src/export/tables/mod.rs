@@ -22,7 +22,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 pub use columns::Column;
-pub use load::{load, loaded_bytes};
+pub use load::{Difference, descending, difference, load, loaded_bytes};
 pub use source::{GrainSource, Table};
 pub use templates::{TemplateRecord, read as read_templates};
 pub use text::GrainTable;
@@ -31,7 +31,7 @@ use crate::packing::Report;
 use source::Zeros;
 
 /// Counts the changes of any format's bytes; part of an ETag.
-pub const REVISION: u32 = 6;
+pub const REVISION: u32 = 7;
 
 /// A result format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]

@@ -204,6 +204,13 @@ impl Table {
         Ok(Self { columns, values, templates: Vec::new() })
     }
 
+    /// The same table with its rows in this order.
+    #[must_use]
+    pub fn reordered(self, rows: &[usize]) -> Self {
+        let reordered = |column: &Vec<f64>| rows.iter().map(|&row| column[row]).collect();
+        Self { values: self.values.iter().map(reordered).collect(), ..self }
+    }
+
     /// The same table with the templates that its column of templates refers to.
     #[must_use]
     pub fn with_templates(self, templates: Vec<Polyhedron>) -> Self {

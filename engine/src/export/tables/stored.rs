@@ -120,7 +120,11 @@ impl Layout {
         let known = Column::of_names(&columns);
         let columns = known.ok_or_else(|| invalid("a stored result with unknown columns"))?;
         let templates = templates::read(columns, templates)?;
-        Ok(Self { head, columns, templates, rows, columns_offset: FIXED as u64 + head_length })
+        let columns_offset = (FIXED as u64)
+            .checked_add(head_length)
+            .filter(|offset| has_length(*offset, columns.len() as u64, rows))
+            .ok_or_else(|| invalid("a stored result whose numbers of bytes and grains no file can have"))?;
+        Ok(Self { head, columns, templates, rows, columns_offset })
     }
 
     /// Offset of a row of a column from the start of the file, in bytes.
@@ -132,10 +136,18 @@ impl Layout {
         Ok(self.columns_offset + 8 * (position as u64 * self.rows + row))
     }
 
-    /// Length of the whole file, in bytes.
+    /// Length of the whole file, in bytes. [`Self::read`] refuses files that have no such length.
     pub fn file_length(&self) -> u64 {
         self.columns_offset + 8 * self.columns.len() as u64 * self.rows + SUM_BYTES as u64
     }
+}
+
+/// Whether a file with this many rows of columns behind an offset has a length that can be stated.
+fn has_length(offset: u64, columns: u64, rows: u64) -> bool {
+    let of_columns = columns.checked_mul(8).and_then(|bytes| bytes.checked_mul(rows));
+    of_columns
+        .and_then(|bytes| bytes.checked_add(offset)?.checked_add(SUM_BYTES as u64))
+        .is_some_and(|length| i64::try_from(length).is_ok())
 }
 
 /// The version of the engine in the head of either revision.

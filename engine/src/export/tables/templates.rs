@@ -27,7 +27,8 @@ pub struct TemplateRecord {
     pub faces: Vec<Vec<u32>>,
     /// Radius of rounding, in equivalent diameters; 0 where the grains are sharp.
     pub rounding: f64,
-    /// Sieve size, in equivalent diameters.
+    /// Sieve size, in equivalent diameters: by definition the edge of the least square that holds the shadow of the
+    /// body along some direction.
     #[serde(default)]
     pub sieve_size: f64,
     /// Volume of the rounded body, in cubes of the equivalent diameter.

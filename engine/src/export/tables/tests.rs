@@ -258,7 +258,7 @@ fn an_empty_result_is_well_formed_in_every_format() {
 
 /// Two ellipsoids, one of them with a quaternion whose length is not exactly 1.
 fn ellipsoids() -> Solids {
-    let turned = UnitQuaternion::new_unchecked(Quaternion::new(0.8, 0.1, -0.3, 0.500_000_1));
+    let turned = UnitQuaternion::new_unchecked(Quaternion::new(0.8, 0.1, -0.3, 0.509_902));
     Solids::of_ellipsoids(
         vec![Ellipsoid::new([4.0, 3.0, 2.0]).unwrap(), Ellipsoid::new([2.0, 1.5, 1.0]).unwrap()],
         vec![
@@ -304,7 +304,7 @@ fn tables_of_ellipsoids_have_twelve_columns() {
     assert_eq!(lines[0], "x_mm,y_mm,z_mm,d_mm,sieve_mm,qw,qx,qy,qz,a_mm,b_mm,c_mm");
     assert_eq!(lines.len(), 3);
     assert!(
-        lines[1].ends_with(",0.8,0.1,-0.3,0.5000001,4,3,2") || lines[1].ends_with(",4.0,3.0,2.0"),
+        lines[1].ends_with(",0.8,0.1,-0.3,0.509902,4,3,2") || lines[1].ends_with(",4.0,3.0,2.0"),
         "{text}"
     );
     let mut npy = Vec::new();
@@ -315,6 +315,41 @@ fn tables_of_ellipsoids_have_twelve_columns() {
         write(format, &head, &grains, &mut bytes).unwrap();
         assert_eq!(length(format, &head, &grains).unwrap(), bytes.len() as u64, "{format:?}");
     }
+}
+
+/// Products of the numbers of a header must not overflow.
+#[test]
+fn a_header_with_numbers_that_no_file_can_have_is_refused() {
+    let (head, grains) = result();
+    let mut bytes = Vec::new();
+    stored::write(&head, &grains, &mut bytes).unwrap();
+    for rows in [u64::MAX, u64::MAX / 8, 1 << 61, (1 << 59) + 1, i64::MAX as u64 / 32] {
+        bytes[16..24].copy_from_slice(&rows.to_le_bytes());
+        let error = Layout::read(&mut &bytes[..]).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData, "{rows}: {error}");
+        assert!(StoredBytes::read(&bytes).is_err());
+    }
+}
+
+#[test]
+fn numbers_that_describe_no_grain_are_refused_with_their_row() {
+    let columns = |values: [f64; 4]| values.map(|value| vec![1.0, value]).to_vec();
+    for values in [
+        [f64::NAN, 1.0, 1.0, 1.0],
+        [1.0, f64::INFINITY, 1.0, 1.0],
+        [1.0, 1.0, -f64::INFINITY, 1.0],
+        [1.0, 1.0, 1.0, 0.0],
+        [1.0, 1.0, 1.0, -1.0],
+        [1.0, 1.0, 1.0, f64::NAN],
+        [1.0, 1.0, 1.0, f64::INFINITY],
+    ] {
+        let error = load(&Table::new(Column::OF_SPHERES, columns(values)).unwrap()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+        assert!(error.to_string().starts_with("grain 1 has a coordinate that is no number"), "{error}");
+    }
+    let error =
+        load(&Table::new(Column::OF_ELLIPSOIDS, vec![vec![1.0]; 12]).unwrap()).unwrap_err().to_string();
+    assert!(error.contains("no unit quaternion: its length is 2"), "{error}");
 }
 
 #[test]

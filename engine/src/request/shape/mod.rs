@@ -269,6 +269,16 @@ impl GrainShape {
             }
         }
     }
+
+    /// The same shapes, to be changed.
+    pub(crate) fn parts_mut(&mut self) -> Vec<&mut PlainShape> {
+        match self {
+            Self::Plain(shape) => vec![shape],
+            Self::Mixture(ShapeMixture::Mixture { of }) => {
+                of.iter_mut().map(|part| &mut part.shape).collect()
+            }
+        }
+    }
 }
 
 #[cfg(test)]

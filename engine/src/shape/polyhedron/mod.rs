@@ -32,7 +32,8 @@ use hull::{hull, intersection};
 pub use measures::Edge;
 pub use platonic::PlatonicSolid;
 pub(crate) use principal::Principal;
-use sieve::SieveSize;
+use sieve::Passage;
+pub use sieve::SievePassage;
 
 /// Largest distance of a vertex above the plane of a face, relative to the size of the polyhedron: what rounding of
 /// numbers leaves of a face with more than three vertices.
@@ -68,7 +69,7 @@ pub struct Polyhedron {
     outer_radius: f64,
     inner_radius: f64,
     principal: Principal,
-    sieve_size: SieveSize,
+    passage: Passage,
 }
 
 /// A template with its scale: the shape of one grain.
@@ -203,7 +204,7 @@ impl Polyhedron {
 
     /// Measures a body.
     fn of_parts(vertices: Vec<Vector3<f64>>, faces: Vec<Vec<u32>>, rounding: f64) -> Self {
-        let (principal, sieve_size) = (Principal::none(), SieveSize::default());
+        let (principal, passage) = (Principal::none(), Passage::default());
         let body = Self {
             vertices,
             faces,
@@ -212,7 +213,7 @@ impl Polyhedron {
             outer_radius: 0.0,
             inner_radius: 0.0,
             principal,
-            sieve_size,
+            passage,
         };
         let volume = body.steiner_volume();
         let outer_radius = body.vertices.iter().map(Vector3::norm).fold(0.0, f64::max) + rounding;

@@ -11,7 +11,7 @@ use std::time::Duration;
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, Plan, PlanError, Resume};
+use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, PlanError, Resume, TemplateCache};
 
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, Output, PICTURE};
@@ -19,6 +19,7 @@ use super::input::Input;
 use super::print_files;
 use crate::atomic_file::write_buffered;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
+use crate::exports::distance_kept;
 use crate::formats::ResultFormat;
 use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
@@ -104,7 +105,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let of_one = limits_of_one_packing(options.max_grains);
     let threads = options.threads.or(request.threads()).unwrap_or(of_one.threads);
     let limits = Limits { threads, ..of_one };
-    let plan = Plan::new(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
+    // The plan and the run draw the templates of angular grains once.
+    let templates = TemplateCache::default();
+    let plan = templates.plan(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
     warn(&plan.warnings);
     let files = Files::of(options, &request);
     for output in &files.exports {
@@ -127,7 +130,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     }
     let every = Duration::from_secs_f64(options.checkpoint_every_s);
     let watch = Watch::new(&request, &earlier.checkpoint, every, resume.is_some())?;
-    let packing = pack(options, &request, &limits, resume, &watch, &earlier)?;
+    let packing = pack(options, &request, (&limits, &templates), resume, &watch, &earlier)?;
     let is_partial = packing.report.summary.partial.is_some();
     let summary = &packing.report.summary;
     say(&format!(
@@ -155,12 +158,12 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 fn pack(
     options: &Options,
     job: &JobRequest,
-    limits: &Limits,
+    (limits, templates): (&Limits, &TemplateCache),
     resume: Option<Resume>,
     watch: &Watch,
     earlier: &resume::Earlier,
 ) -> Result<Packing, Failure> {
-    let packing = packstone_engine::pack_or_resume(&job.packing(), limits, resume, watch);
+    let packing = packstone_engine::pack_or_resume(&job.packing(), limits, templates, resume, watch);
     watch.finish();
     packing.or_else(|error| {
         let exit = Exit::of_packing(&error);
@@ -245,7 +248,9 @@ impl Files {
                 .map_err(|error| cannot_be("written", file, &error))?;
         }
         let provenance = Provenance::from(&head);
-        let model = Model::new(&request.specimen, &packing.grains).with_provenance(&provenance);
+        let model = Model::new(&request.specimen, &packing.grains)
+            .with_distance(distance_kept(&head))
+            .with_provenance(&provenance);
         if let Some(file) = self.picture.as_ref().filter(|file| !kept.has(file)) {
             exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }

@@ -339,6 +339,7 @@ impl<'a> Done<'a> {
         let pool = WorkerPool {
             study: self.study,
             limits,
+            templates: packstone_engine::TemplateCache::default(),
             state: Mutex::new(SharedState::new(queue, self.tallies.clone())),
             stop: &stop,
             fractions: (0..workers).map(|_| AtomicU64::default()).collect(),

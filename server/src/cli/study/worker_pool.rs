@@ -20,7 +20,9 @@ use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, Model, Provenance};
-use packstone_engine::{Checkpoint, Control, Finish, Grains, Limits, PackError, Phase, Progress};
+use packstone_engine::{
+    Checkpoint, Control, Finish, Grains, Limits, PackError, Phase, Progress, TemplateCache,
+};
 use sha2::{Digest as _, Sha256};
 
 use super::super::exports;
@@ -30,6 +32,7 @@ use super::run_log::RunRecord;
 use super::shards::claims::{Claimed, Claims};
 use super::shards::files::publish;
 use crate::checkpoints::{CheckpointWriter, Checkpoints};
+use crate::exports::distance_kept;
 use crate::formats::ResultFormat;
 use crate::hex;
 use crate::jobs::JobRequest;
@@ -79,6 +82,8 @@ impl SharedState {
 pub(super) struct WorkerPool<'a> {
     pub(super) study: &'a Study,
     pub(super) limits: Limits,
+    /// Templates of angular grains, which all runs of the study share.
+    pub(super) templates: TemplateCache,
     pub(super) state: Mutex<SharedState>,
     /// Set to stop the pool: by a signal, or because the run log cannot be written.
     pub(super) stop: &'a AtomicBool,
@@ -301,7 +306,7 @@ impl WorkerPool<'_> {
             kept_last: AtomicBool::new(false),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
-            packstone_engine::pack_or_resume(&request, &limits, resume, &control)
+            packstone_engine::pack_or_resume(&request, &limits, &self.templates, resume, &control)
         }));
         let time_s = start.elapsed().as_secs_f64();
         let (outcome, facts, fault) = match &packed {
@@ -380,7 +385,8 @@ impl WorkerPool<'_> {
         let control = Untimed(control);
         let mut names = Names::of(id);
         let provenance = Provenance::from(head);
-        let model = Model::new(&job.specimen, grains).with_provenance(&provenance);
+        let model =
+            Model::new(&job.specimen, grains).with_distance(distance_kept(head)).with_provenance(&provenance);
         for (_, export) in items {
             let file = folder.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
@@ -521,6 +527,7 @@ mod tests {
         let pool = WorkerPool {
             study: &study,
             limits: Limits::default(),
+            templates: TemplateCache::default(),
             state: Mutex::new(SharedState::new(queue, vec![Tally::default(); study.points.len()])),
             stop: &stop,
             fractions: vec![AtomicU64::default(), AtomicU64::default()],

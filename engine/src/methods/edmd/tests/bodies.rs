@@ -9,7 +9,8 @@ use serde_json::json;
 
 use crate::control::Unattended;
 use crate::{
-    Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, pack_or_resume,
+    Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, TemplateCache,
+    pack_or_resume,
 };
 
 /// Keeps the first checkpoint after some cycles, and stops there.
@@ -45,14 +46,21 @@ fn request() -> PackingRequest {
 /// The body of a checkpoint amid the run.
 fn body() -> Vec<u8> {
     let keeper = Keeper { questions: AtomicU32::new(0), kept: Mutex::new(Vec::new()) };
-    let ended = pack_or_resume(&request(), &Limits::default(), None, &keeper);
+    let ended = pack_or_resume(&request(), &Limits::default(), &TemplateCache::default(), None, &keeper);
     assert!(matches!(ended, Err(PackError::Stopped { .. })), "{ended:?}");
     let bytes = keeper.kept.into_inner().unwrap();
     Resume::read_from(&mut &bytes[..], &request()).unwrap().body
 }
 
 fn gone_on_from(body: Vec<u8>) -> Packing {
-    pack_or_resume(&request(), &Limits::default(), Some(Resume { body }), &Unattended).unwrap()
+    pack_or_resume(
+        &request(),
+        &Limits::default(),
+        &TemplateCache::default(),
+        Some(Resume { body }),
+        &Unattended,
+    )
+    .unwrap()
 }
 
 fn resumes(packing: &Packing) -> u64 {
