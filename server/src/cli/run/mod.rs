@@ -169,8 +169,12 @@ fn pack(
         let exit = Exit::of_packing(&error);
         let timed_out = watch.timed_out(job).filter(|_| matches!(error, PackError::Stopped { .. }));
         if let Some(failure) = timed_out {
-            earlier.discard_checkpoint()?;
-            return Err(Exit::TargetNotReached.because(failure.detail));
+            let more = if earlier.checkpoint.exists() {
+                format!("; with more time it goes on from {} by --resume", earlier.checkpoint.display())
+            } else {
+                String::new()
+            };
+            return Err(Exit::TargetNotReached.because(failure.detail + &more));
         }
         match error {
             PackError::Stopped { placed, grains } => {

@@ -6,6 +6,7 @@
 //! and Stillinger 1990, DOI 10.1007/BF01025983).
 
 mod body;
+mod end;
 mod forecast;
 mod rearrange;
 mod report;
@@ -15,7 +16,7 @@ use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use super::blocks;
-use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming, scale_at_jamming};
+use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
 use super::growth_protocol::GrowthProtocol;
 use super::swap::unjam;
@@ -28,7 +29,7 @@ use crate::memory::{OutOfMemory, collected, filled};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::mix::sphere_volume;
 use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics};
-use crate::request::{Distance, EdmdOptions, OnLimit, PackingRequest};
+use crate::request::{Distance, EdmdOptions, PackingRequest};
 use crate::rng::cycle_stream;
 use crate::segregation::Preference;
 use forecast::Forecast;
@@ -69,14 +70,6 @@ const DISTANCE_STALL: f64 = 2e-9;
 const LENGTH_COLLISIONS: f64 = STALL_EVENTS;
 /// and the most within a limit, so that a long limit of time does not make a small packing take all of it.
 const MOST_LENGTH_COLLISIONS: f64 = 30_000.0;
-/// A packing that jams is expanded and grown again where its scale lacks at most this much,
-const NEAR_TARGET: f64 = 5e-4;
-/// by this share of its scale,
-const EXPANSION: f64 = 3e-3;
-/// and so many times at most.
-const MOST_EXPANSIONS: u64 = 12;
-/// Pressure above which the scale at which a packing jams is known to a percent.
-const NEAR_JAMMING: f64 = 100.0;
 /// Swaps tried to free a pinned grain.
 const UNJAM_TRIES: u64 = 10_000;
 
@@ -293,61 +286,6 @@ impl Run {
         }
     }
 
-    /// Whether the grains have the size that is their target.
-    fn is_grown(&self, frame: &Frame<'_>) -> bool {
-        self.stage == Stage::Scale && self.size >= BEYOND_TARGET && frame.to_jamming.is_none()
-    }
-
-    /// Whether it is clear that grains which grow until they jam do so at a scale outside of the bounds that are given.
-    fn jams_outside(&self, frame: &Frame<'_>) -> bool {
-        let Some([low, high]) = frame.to_jamming.and_then(|to| to.within) else { return false };
-        let scale = scale_at_jamming(self.size, self.pressure);
-        self.pressure > NEAR_JAMMING && !(low..=high).contains(&scale)
-    }
-
-    /// Keeps a checkpoint of growth that ended short of its target, where its packing is kept and whoever runs it wants
-    /// to go on later.
-    pub(crate) fn keep_last(&self, frame: &Frame<'_>, end: GrowthEnd) {
-        let is_short = match end {
-            GrowthEnd::Target => false,
-            GrowthEnd::Finished => true,
-            _ => {
-                self.stage == Stage::Scale
-                    && frame.to_jamming.is_none()
-                    && frame.request.on_limit == OnLimit::Keep
-            }
-        };
-        if is_short && frame.control.wants_last_checkpoint() {
-            let write = |out: &mut dyn Write| self.write(frame, out);
-            frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
-        }
-    }
-
-    /// Expands a packing that jammed just below its target; says whether it did.
-    ///
-    /// The grains of the packing then rearrange and change places while they grow again, and jam at a higher volume
-    /// fraction. That is tried as long as the expansions that are left, by the mean gain of those before, add up to
-    /// what is missing.
-    pub(crate) fn expand(&mut self, protocol: &GrowthProtocol) -> bool {
-        let missing = 1.0 - self.size;
-        let gain = (self.size - self.jammed_at) / self.expansions.max(1) as f64;
-        let helps = gain * MOST_EXPANSIONS.saturating_sub(self.expansions) as f64 >= missing;
-        if self.stage != Stage::Scale || missing > NEAR_TARGET || !helps {
-            return false;
-        }
-        if self.expansions == 0 {
-            self.jammed_at = self.size;
-        }
-        self.expansions += 1;
-        self.size *= 1.0 - EXPANSION;
-        self.set_radii(protocol);
-        // By free volume: Z = 3 / (1 - phi / phi_j) with phi / phi_j = (1 - EXPANSION)^3.
-        let pressure = 1.0 / EXPANSION;
-        self.events_per_time *= pressure / self.pressure;
-        self.pressure = pressure;
-        true
-    }
-
     fn cycle(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> Result<Option<Ended>, OutOfMemory> {
         self.compression_cycles += 1;
         if self.compression_cycles % CYCLES_PER_SORT == 1 && self.system.len() >= LEAST_SORTED {
@@ -509,16 +447,6 @@ impl Run {
         let by_time = stop.time_s.map(|most| (most - elapsed_s) * per_s);
         let by_limits = by_events.into_iter().chain(by_time).reduce(f64::min);
         by_limits.map_or(LENGTH_COLLISIONS - done, |left| left.min(MOST_LENGTH_COLLISIONS - done))
-    }
-
-    fn limit_reached(&self, frame: &Frame<'_>) -> Option<GrowthEnd> {
-        if frame.control.should_finish().is_some() {
-            return Some(GrowthEnd::Finished);
-        }
-        if frame.options.stop.events.is_some_and(|most| self.system.counts.collisions() >= most) {
-            return Some(GrowthEnd::EventLimit);
-        }
-        frame.is_over(self.earlier_s).then_some(GrowthEnd::TimeLimit)
     }
 
     /// Puts the grains, which jammed just before their target, to where they fit exactly.
