@@ -129,6 +129,22 @@ macro_rules! pause {
     };
 }
 
+/// The attempt may have ended before it was recorded: then its file is known to nobody.
+macro_rules! note_file {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "insert into removals (path)
+             select substr(id, length(id) - 1) || '/' || id || '.' || attempt || '.' || ?3 from ",
+            $table,
+            " where ",
+            $runs,
+            " and coalesce(lease_expires_at, 0) <= ?1 and not (?2 and ",
+            $elsewhere,
+            ") on conflict do nothing"
+        )
+    };
+}
+
 macro_rules! take_back {
     ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
@@ -231,7 +247,8 @@ impl LeasedTask {
 }
 
 /// Takes back the tasks whose lease ran out until then: each returns to its queue with the next attempt, or ends where
-/// it has none left, with `exhausted`. Those of other processes are left alone with `only_own`.
+/// it has none left, with `exhausted`. Those of other processes are left alone with `only_own`. A file that the attempt
+/// has left is removed later.
 pub(super) async fn take_back(
     store: &Store,
     kind: Kind,
@@ -239,6 +256,11 @@ pub(super) async fn take_back(
     (leases_until, only_own): (i64, bool),
     tx: &mut Transaction<'_>,
 ) -> Result<Vec<Row>, StoreError> {
+    let ending = match kind {
+        Kind::Job => "packstone",
+        Kind::Export => "export",
+    };
+    query(of_kind!(kind, note_file)).bind(leases_until).bind(only_own).bind(ending).execute(&mut *tx).await?;
     let taken_back = query(of_kind!(kind, take_back))
         .bind(store.now_us())
         .bind(leases_until)

@@ -263,6 +263,10 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
     assert_eq!(ended.state, State::Failed);
     assert_eq!(ended.error.unwrap().code, FailureCode::AttemptsExhausted);
     assert_eq!(store.recover(Vec::new()).await.unwrap(), 0);
+    // What an attempt left before it was recorded belongs to nobody.
+    let id = job.id.to_string();
+    let left = [1, 2].map(|attempt| format!("{}/{id}.{attempt}.packstone", &id[id.len() - 2..]));
+    assert_eq!(store.removals(9).await.unwrap(), left);
     let retried = store.retry(job.id, None).await.unwrap();
     assert_eq!((retried.state, retried.attempt, retried.max_attempts), (State::Queued, 3, 4));
     assert_eq!((retried.error, retried.finished_at), (None, None));
