@@ -225,8 +225,7 @@ def check_surfaces(folder):
         properties.SetInputConnection(triangles.GetOutputPort())
         properties.Update()
         share = properties.GetVolume() / expected["volume_mm3"]
-        # Rounded grains are inscribed.
-        if not (1 - 1e-9 if expected["sharp"] else 0.97) < share < 1 + 1e-9:
+        if not 1 - 1e-9 < share < 1 + 1e-9:
             sys.exit(f"{path}: {share} of the volume")
 
 

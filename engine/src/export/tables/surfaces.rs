@@ -1,30 +1,33 @@
 //! Results with polyhedra in the VTK forms: the surfaces of the grains as polygons, which a viewer shows as they are.
 //!
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
-//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid among polyhedra has 80
-//! triangles with their corners on it, which turn by at most 36 degrees on the sphere that it is an image of. Points
-//! are not shared by grains. Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve`
-//! (float64, mm), `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32; -1 of ellipsoids).
+//! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid or sphere among
+//! polyhedra has 320 triangles, which turn by at most 18 degrees on the sphere that it is an image of. Surfaces that are
+//! not exact are scaled about the centre until they have the volume of the grain. Points are not shared by grains.
+//! Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve` (float64, mm),
+//! `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32; -1 of ellipsoids). Mixtures have
+//! `tensor` as ellipsoids have it in the other forms; it is 0 of polyhedra.
 
 use std::collections::BTreeMap;
-use std::f64::consts::FRAC_PI_4;
+use std::f64::consts::{FRAC_PI_4, PI};
 use std::io::{self, Write};
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::load::{angular_row, invalid};
 use super::source::{OF_ELLIPSOID, for_each_block, for_each_rows};
-use super::vtk::{classifier, provenance_file, title};
+use super::vtk::{BODY, classifier, provenance_file, symmetric, tensor, title};
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::arrays::{self, Each as _};
+use crate::elementary::cbrt;
 use crate::export::ExportError;
 use crate::export::vtk_xml::Sink;
 use crate::geometry::convex::{Convex, Skin, SkinPoint};
 use crate::request::GrainKind;
 use crate::shape::{Polyhedron, Pose};
 
-/// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 80.
-const BALL_DIVISIONS: u32 = 1;
+/// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 320.
+const BALL_DIVISIONS: u32 = 2;
 /// Largest angle between neighbours on an arc.
 const MOST_ANGLE: f64 = FRAC_PI_4 + 1e-9;
 
@@ -34,6 +37,8 @@ struct Surface<'a> {
     polygons: Vec<Vec<u32>>,
     /// Corners of all polygons.
     corners: usize,
+    /// By what points are scaled about the centre of a grain, so that the polygons enclose its volume.
+    scale: f64,
 }
 
 /// Where the points of a surface lie.
@@ -45,15 +50,50 @@ enum Points<'a> {
 }
 
 impl<'a> Surface<'a> {
-    fn new(points: Points<'a>, polygons: Vec<Vec<u32>>) -> Self {
+    /// A surface that encloses a volume, after it is scaled.
+    fn new(points: Points<'a>, polygons: Vec<Vec<u32>>, volume: f64) -> Self {
         let corners = polygons.iter().map(Vec::len).sum();
-        Self { points, polygons, corners }
+        let mut surface = Self { points, polygons, corners, scale: 1.0 };
+        surface.scale = cbrt(volume / surface.volume());
+        surface
     }
 
     fn of_template(template: &'a Polyhedron) -> Self {
         let skin = Skin::new(&Convex::new(template), MOST_ANGLE);
         let polygons = skin.polygons.into_iter().map(|(_, corners)| corners).collect();
-        Self::new(Points::Template(template, skin.points), polygons)
+        let surface = Self::new(Points::Template(template, skin.points), polygons, template.volume());
+        // Sharp grains are exact to the last bit.
+        if template.rounding() == 0.0 { Self { scale: 1.0, ..surface } } else { surface }
+    }
+
+    /// Of spheres and ellipsoids.
+    fn of_ball() -> Self {
+        let (points, triangles) = ball();
+        Self::new(Points::Ball(points), triangles, 4.0 / 3.0 * PI)
+    }
+
+    /// The points in the units of the template, or of the unit sphere, before they are scaled.
+    fn own_points(&self) -> Vec<Vector3<f64>> {
+        match &self.points {
+            Points::Ball(points) => points.clone(),
+            Points::Template(template, points) => {
+                let at = |point: &SkinPoint| {
+                    template.vertices()[point.vertex as usize] + point.normal * template.rounding()
+                };
+                points.iter().map(at).collect()
+            }
+        }
+    }
+
+    /// Volume inside, in the units of the template, or of the unit sphere, before it is scaled.
+    fn volume(&self) -> f64 {
+        let points = self.own_points();
+        let at = |p: u32| points[p as usize];
+        let fan = |corners: &Vec<u32>| {
+            let pairs = corners[1..].windows(2);
+            pairs.map(|pair| at(corners[0]).dot(&at(pair[0]).cross(&at(pair[1])))).sum::<f64>() / 6.0
+        };
+        self.polygons.iter().map(fan).sum()
     }
 
     fn len(&self) -> usize {
@@ -75,7 +115,8 @@ impl<'a> Surface<'a> {
         match &self.points {
             Points::Ball(points) => {
                 for point in points {
-                    visit((pose.center_mm + rotation * point.component_mul(semi_axes_mm)).into())?;
+                    let from_center = rotation * point.component_mul(semi_axes_mm) * self.scale;
+                    visit((pose.center_mm + from_center).into())?;
                 }
             }
             Points::Template(template, points) => {
@@ -83,8 +124,12 @@ impl<'a> Surface<'a> {
                 let radius = d_mm * template.rounding();
                 for point in points {
                     let vertex = vertices[point.vertex as usize];
-                    let p = if radius > 0.0 { vertex + rotation * point.normal * radius } else { vertex };
-                    visit(p.into())?;
+                    if radius == 0.0 {
+                        visit(vertex.into())?;
+                        continue;
+                    }
+                    let from_center = vertex + rotation * point.normal * radius - pose.center_mm;
+                    visit((pose.center_mm + from_center * self.scale).into())?;
                 }
             }
         }
@@ -135,8 +180,7 @@ struct Surfaces<'a> {
 impl<'a> Surfaces<'a> {
     fn new(grains: &'a dyn GrainSource) -> io::Result<Self> {
         let templates = grains.templates().iter().map(Surface::of_template).collect();
-        let (points, triangles) = ball();
-        let ball = Surface::new(Points::Ball(points), triangles);
+        let ball = Surface::of_ball();
         let mut surfaces = Self { grains, templates, ball, points: 0, polygons: 0, corners: 0 };
         let (mut points, mut polygons, mut corners) = (0, 0, 0);
         surfaces.for_each(&mut |surface| {
@@ -196,6 +240,21 @@ impl<'a> Surfaces<'a> {
         })
     }
 
+    /// Calls `visit` with the tensor of each grain, as often as it has polygons; 0 of polyhedra.
+    fn for_each_tensor(&self, visit: &mut dyn FnMut(&Matrix3<f64>) -> io::Result<()>) -> io::Result<()> {
+        let [w, i, j, k, a, b, c] = BODY;
+        for_each_block(self.grains, [w, i, j, k, a, b, c, Column::Template], |columns| {
+            for row in 0..columns[0].len() {
+                let [w, i, j, k, a, b, c, template] = columns.each(|column| column[row]);
+                let tensor = tensor([w, i, j, k, a, b, c]);
+                for _ in &self.of(template)?.polygons {
+                    visit(&tensor)?;
+                }
+            }
+            Ok(())
+        })
+    }
+
     /// Calls `visit` with the corners of each polygon, and the number of the first point of its grain.
     fn for_each_corners(&self, visit: &mut dyn FnMut(&[u32], usize) -> io::Result<()>) -> io::Result<()> {
         let mut first = 0;
@@ -238,6 +297,12 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     })?;
     writeln!(out, "\nCELL_DATA {n}\nSCALARS diameter double 1\nLOOKUP_TABLE default")?;
     surfaces.for_each_polygon(Column::Diameter, &mut |d| out.write_all(&d.to_be_bytes()))?;
+    if grains.kind() == GrainKind::Mixed {
+        writeln!(out, "\nTENSORS tensor double")?;
+        // Symmetric, so that the order of rows and columns does not matter.
+        surfaces
+            .for_each_tensor(&mut |tensor| tensor.iter().try_for_each(|x| out.write_all(&x.to_be_bytes())))?;
+    }
     let arrays = 4 + i32::from(grains.has_aggregates());
     writeln!(out, "\nFIELD arrays {arrays}\nsieve 1 {n} double")?;
     surfaces.for_each_polygon(Column::Sieve, &mut |size| out.write_all(&size.to_be_bytes()))?;
@@ -270,6 +335,11 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     for (name, column) in [("diameter", Column::Diameter), ("sieve", Column::Sieve)] {
         file.fill::<f64>(name, n, move |sink| {
             put(sink, &mut |put| surfaces.for_each_polygon(column, &mut |value| put.put(value)))
+        });
+    }
+    if grains.kind() == GrainKind::Mixed {
+        file.fill::<[f64; 6]>("tensor", n, |sink| {
+            put(sink, &mut |put| surfaces.for_each_tensor(&mut |tensor| put.put(symmetric(tensor))))
         });
     }
     file.fill::<i32>("sieve_class", n, move |sink| {

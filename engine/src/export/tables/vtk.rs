@@ -24,7 +24,8 @@ use crate::shape::Pose;
 const POSITION: [Column; 3] = [Column::X, Column::Y, Column::Z];
 const SEMI_AXES: [Column; 3] = [Column::A, Column::B, Column::C];
 const ORIENTATION: [Column; 4] = [Column::Qw, Column::Qx, Column::Qy, Column::Qz];
-const BODY: [Column; 7] = [Column::Qw, Column::Qx, Column::Qy, Column::Qz, Column::A, Column::B, Column::C];
+pub(super) const BODY: [Column; 7] =
+    [Column::Qw, Column::Qx, Column::Qy, Column::Qz, Column::A, Column::B, Column::C];
 
 pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     let n = grains.len();
@@ -139,14 +140,14 @@ pub(super) fn provenance_file<'a>(head: &Head, [points, vertices, polygons]: [us
 }
 
 /// The tensor of an ellipsoid with this orientation and these semi-axes.
-fn tensor([w, i, j, k, a, b, c]: [f64; 7]) -> Matrix3<f64> {
+pub(super) fn tensor([w, i, j, k, a, b, c]: [f64; 7]) -> Matrix3<f64> {
     let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
     let rotation = Pose { center_mm: Vector3::zeros(), orientation }.rotation();
     rotation * Matrix3::from_diagonal(&Vector3::new(2.0 * a, 2.0 * b, 2.0 * c)) * rotation.transpose()
 }
 
 /// The components of a symmetric tensor in VTK's order.
-fn symmetric(tensor: &Matrix3<f64>) -> [f64; 6] {
+pub(super) fn symmetric(tensor: &Matrix3<f64>) -> [f64; 6] {
     [tensor.m11, tensor.m22, tensor.m33, tensor.m12, tensor.m23, tensor.m13]
 }
 
