@@ -6,7 +6,8 @@
 //!
 //! Circles are curves of the kernel, which Gmsh divides evenly. It divides ellipses by their curvature, and the area
 //! of the polygon has no closed form then: an ellipse is written as the affine image of a regular polygon, whose area
-//! is that of the ellipse at a known factor. Polygons are written as they are.
+//! is that of the ellipse at a known factor. Polygons of sharp grains are written as they are, those of rounded ones
+//! with few corners (`coarse`).
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -113,6 +114,7 @@ fn outline(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
 /// What makes a surface of a section with that tag; a circle of it where the curve has a tag.
 fn surface(
     section: &Section,
+    coarse: Option<&[[f64; 2]]>,
     most: f64,
     surface: usize,
     curve: Option<usize>,
@@ -129,7 +131,7 @@ fn surface(
             writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({surface}) = {{{u}, {v}, 0, r}};")
         }
         (Figure::Polygon(polygon), _) => {
-            let corners = &polygon.corners_mm;
+            let corners = coarse.unwrap_or(&polygon.corners_mm);
             let n = corners.len();
             write!(out, "p = newp; c = newc;")?;
             for (k, corner) in corners.iter().enumerate() {
@@ -156,13 +158,20 @@ fn surface(
     }
 }
 
+/// Corners of the sections of rounded polyhedra.
+fn coarse_corners(cut: &Cut) -> Vec<Option<Vec<[f64; 2]>>> {
+    let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
+    super::coarse::corners(cut, (u1 - u0).max(v1 - v0) / ELEMENTS_PER_EDGE)
+}
+
 /// All sections inside: their loops are holes of the matrix and edges of the aggregates.
 fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     outline(cut, out)?;
     let n = cut.sections.len();
     let most = most_radii(cut);
-    for (i, (section, most)) in cut.sections.iter().zip(most).enumerate() {
-        surface(section, most, FIRST_GRAIN + i, Some(FIRST_CIRCLE + i), out)?;
+    let coarse = coarse_corners(cut);
+    for (i, ((section, most), coarse)) in cut.sections.iter().zip(most).zip(&coarse).enumerate() {
+        surface(section, coarse.as_deref(), most, FIRST_GRAIN + i, Some(FIRST_CIRCLE + i), out)?;
     }
     if n == 0 {
         return writeln!(out, "Plane Surface(1) = {{1}};\nPhysical Surface(\"matrix\") = {{1}};");
@@ -187,10 +196,12 @@ fn clipped(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "Rectangle(1) = {{{u0}, {v0}, 0, {}, {}}};", u1 - u0, v1 - v0)?;
     // Those inside first, so that each kind is one range of tags.
     let most = most_radii(cut);
-    let inside = cut.sections.iter().zip(&most).filter(|(section, _)| !section.clipped);
-    let crossing = cut.sections.iter().zip(&most).filter(|(section, _)| section.clipped);
-    for (i, (section, most)) in inside.clone().chain(crossing).enumerate() {
-        surface(section, *most, FIRST_GRAIN + i, None, out)?;
+    let coarse = coarse_corners(cut);
+    let all = cut.sections.iter().zip(most.iter().zip(&coarse));
+    let inside = all.clone().filter(|(section, _)| !section.clipped);
+    let crossing = all.filter(|(section, _)| section.clipped);
+    for (i, (section, (most, coarse))) in inside.clone().chain(crossing).enumerate() {
+        surface(section, coarse.as_deref(), *most, FIRST_GRAIN + i, None, out)?;
     }
     let first_crossing = FIRST_GRAIN + inside.count();
     let last = FIRST_GRAIN + cut.sections.len() - 1;

@@ -6,6 +6,7 @@
 //! grains and their specimen; it must
 //! never know how they were packed.
 
+mod coarse;
 mod cut;
 mod figure;
 mod geo;

@@ -29,6 +29,8 @@ const MOST_HALVINGS: u32 = 10;
 pub struct Polygon {
     /// Corners, counter-clockwise from u to v.
     pub corners_mm: Vec<[f64; 2]>,
+    /// Whether the boundary from a corner to the next is curved; empty of sharp grains.
+    pub(super) is_curved: Vec<bool>,
 }
 
 /// The plane across the last of three axes, as a template sees it.
@@ -52,12 +54,13 @@ impl Polygon {
         let plane = Plane { template, place, axes, height };
         let corners = if template.rounding > 0.0 { plane.rounded()? } else { plane.sharp() };
         let mut corners = sorted(corners, SAME * place.scale)?;
+        let mut is_curved = Vec::new();
         if template.rounding > 0.0 {
-            corners = plane.refined(&corners);
+            (corners, is_curved) = plane.refined(&corners);
         }
         let centroid = centroid(&corners)?;
         let about = |p: &[f64; 2]| [p[0] - centroid[0], p[1] - centroid[1]];
-        Some((centroid, Self { corners_mm: corners.iter().map(about).collect() }))
+        Some((centroid, Self { corners_mm: corners.iter().map(about).collect(), is_curved }))
     }
 
     pub(super) fn area_mm2(&self) -> f64 {
@@ -181,14 +184,16 @@ impl Plane<'_> {
         self.template.chord(&local, &(row(0) * direction[0] + row(1) * direction[1]))
     }
 
-    /// Corners with more between them, where the boundary rises above the edges.
-    fn refined(&self, corners: &[[f64; 2]]) -> Vec<[f64; 2]> {
-        let mut all = Vec::new();
+    /// Corners with more between them, where the boundary rises above the edges, and whether it does so behind each.
+    fn refined(&self, corners: &[[f64; 2]]) -> (Vec<[f64; 2]>, Vec<bool>) {
+        let (mut all, mut is_curved) = (Vec::new(), Vec::new());
         for (i, &corner) in corners.iter().enumerate() {
+            let first = all.len();
             all.push(corner);
             self.refine(corner, corners[(i + 1) % corners.len()], MOST_HALVINGS, &mut all);
+            is_curved.resize(all.len(), all.len() - first > 1);
         }
-        all
+        (all, is_curved)
     }
 
     fn refine(&self, p: [f64; 2], q: [f64; 2], halvings: u32, all: &mut Vec<[f64; 2]>) {
@@ -220,7 +225,7 @@ fn sorted(mut corners: Vec<[f64; 2]>, same: f64) -> Option<Vec<[f64; 2]>> {
 }
 
 /// Area of a polygon whose corners run counter-clockwise.
-fn area(corners: &[[f64; 2]]) -> f64 {
+pub(super) fn area(corners: &[[f64; 2]]) -> f64 {
     let Some(first) = corners.first() else { return 0.0 };
     let from = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
     let twice = corners.windows(2).map(|pair| {
