@@ -52,7 +52,7 @@ async fn ellipsoids_come_back_in_every_table_and_export_that_has_them() {
         let labelled = voxels.chunks(4).filter(|label| **label != [0; 4]).count() as f64 / 64_000.0;
         let fraction = result["summary"]["volume_fraction_effective"].as_f64().unwrap();
         assert!((labelled / fraction - 1.0).abs() < 0.03, "{labelled} {fraction}");
-        let script = get("exports/mesh?format=geo").send().await.expect(200).body.clone();
+        let script = get("exports/mesh?format=geo&segments=32").send().await.expect(200).body.clone();
         assert_eq!(String::from_utf8_lossy(&script).matches("Affine {").count(), rows.len());
         assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());
         let slice = get("exports/slice?format=json").send().await.expect(200).json();
@@ -217,7 +217,7 @@ async fn spheres_ellipsoids_and_polyhedra_are_packed_together() {
             let path = format!("exports/mesh?format={format}&segments=8");
             assert!(!get(&path).send().await.expect(200).body.is_empty());
         }
-        let script = get("exports/mesh?format=geo&segments=8").send().await.expect(200).body.clone();
+        let script = get("exports/mesh?format=geo&segments=32").send().await.expect(200).body.clone();
         let script = String::from_utf8_lossy(&script);
         assert!(script.contains("Affine {") && script.contains("Plane Surface"), "{script}");
         assert!(get("exports/ldpm?format=tets").send().await.expect(200).body.len() > 48 * rows.len());

@@ -68,7 +68,7 @@ def test_tables_are_those_of_the_service(twins: Twins, tmp_path: Path, format: F
 
 EXPORTS: list[tuple[ExportType, dict[str, Any]]] = [
     ("mesh", {"format": "msh", "segments": 8}),
-    ("mesh", {"format": "geo"}),
+    ("mesh", {"format": "geo", "segments": 32}),
     ("mesh", {"format": "stl", "segments": 8}),
     ("voxels", {"format": "raw", "cells": 20}),
     ("voxels", {"format": "inp", "cells": 8}),

@@ -146,6 +146,16 @@ pub enum ExportReport {
     Quality(QualityReport),
 }
 
+impl ExportReport {
+    /// What is missing of the export, in words.
+    pub fn warnings(&self) -> &[String] {
+        match self {
+            Self::Mesh(report) => report.warnings(),
+            _ => &[],
+        }
+    }
+}
+
 /// What an export is likely to come out as.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

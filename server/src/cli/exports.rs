@@ -172,12 +172,16 @@ pub(super) fn write(
     control: &dyn Control,
     file: &Path,
 ) -> Result<(), ExportError> {
-    let mut text = String::new();
+    let (mut text, mut warnings) = (String::new(), Vec::new());
     write_buffered(file, |out| {
         let report = export.write(model, limits, control, out)?;
         text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
+        warnings = report.warnings().to_vec();
         Ok::<(), ExportError>(())
     })?;
+    for warning in warnings {
+        say(&format!("warning: {}: {warning}", file.display()));
+    }
     write_buffered(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     if let Some((ending, text)) = export.companion(&name) {

@@ -11,6 +11,7 @@ mod checks;
 mod chrono;
 mod clearances;
 mod grains;
+mod inside;
 mod measured;
 mod nodes;
 mod obstacles;
@@ -129,11 +130,13 @@ impl Lattice {
         let spans = [clear, node_report.spacing_mm];
         let (checks, of_nodes) = (&mut checked.checks, &mut node_report);
         clearances::check(specimen, grains, &nodes, spans, control, checks, of_nodes)?;
+        let facet_area_in_grains = inside::share_of_facets(specimen, grains, &nodes, &tets, control)?;
         let report = LatticeReport {
             nodes: node_report,
             edges: topology.edge_ends.len() as u64,
             tetrahedra: tets.len() as u64,
             facets: 12 * tets.len() as u64,
+            facet_area_in_grains,
             surface_triangles: checked.surface_triangles,
             volume_mm3: checked.volume_mm3,
             volume_over_specimen: checked.volume_mm3 / specimen.volume_mm3(),

@@ -16,6 +16,10 @@ pub struct LatticeReport {
     pub tetrahedra: u64,
     /// Facets between cells: twelve in every tetrahedron.
     pub facets: u64,
+    /// Share of the area of the facets that lies inside grains rather than between them; measured to 0.01 on some
+    /// thousand tetrahedra.
+    #[serde(default)]
+    pub facet_area_in_grains: f64,
     /// Triangles on the surface.
     pub surface_triangles: u64,
     /// Volume inside the surface's triangles.

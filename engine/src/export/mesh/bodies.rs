@@ -29,6 +29,8 @@ use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron, SolidRef};
 
 /// Share by which images are smaller, so that rounding brings no vertex out of its ellipsoid.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Length over thickness beyond which triangles are made on an ellipsoid itself.
+pub(super) const STRETCHED: f64 = 2.2;
 
 /// A packing to be meshed.
 #[derive(Debug)]
@@ -411,17 +413,35 @@ impl Image {
         matches!(self, Self::Ellipsoid { .. })
     }
 
-    /// Whether it is stretched by more than half of the balance can make up for: no edge need be the one that both the
-    /// sphere and the ellipsoid want.
-    pub(super) fn is_out_of_balance(&self) -> bool {
+    /// Whether it is stretched by so much that triangles are made on the ellipsoid itself: no edge need be the one that
+    /// both the sphere and the ellipsoid want.
+    pub(super) fn is_stretched(&self) -> bool {
         match self {
             Self::Sphere => false,
-            // The square root of 3 before the balance and after it.
             Self::Ellipsoid { roots, .. } => {
                 let most = roots.iter().copied().fold(0.0, f64::max);
                 let least = roots.iter().copied().fold(f64::INFINITY, f64::min);
-                most * most > 3.0 * least * least
+                most * most > STRETCHED * least * least
             }
+        }
+    }
+
+    /// Semi-axes of the image of a sphere of that radius.
+    pub(super) fn semi_axes(&self, radius: f64) -> Vector {
+        match self {
+            Self::Sphere => [radius; 3],
+            Self::Ellipsoid { roots, .. } => roots.each(|root| root * root * radius),
+        }
+    }
+
+    /// The point that is mapped to a point.
+    pub(super) fn back(&self, p: Vector) -> Vector {
+        match self {
+            Self::Sphere => p,
+            Self::Ellipsoid { map, roots, .. } => [0, 1, 2].each(|k| {
+                let along: f64 = (0..3).map(|i| map[i][k] * p[i]).sum();
+                along / roots[k].powi(4)
+            }),
         }
     }
 

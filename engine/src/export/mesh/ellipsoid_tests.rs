@@ -98,7 +98,7 @@ fn quadratic((shape, pose): (&Ellipsoid, &Pose), p: [f64; 3]) -> f64 {
 }
 
 /// Polyhedra are closed, turned outwards and convex but for what the correction of the volume moves (of ellipsoids more
-/// than three times as long as thick, dented only as [`assert_dents_are_wanted`] says), and keep clear of all other
+/// than 2.2 times as long as thick, dented only as [`assert_dents_are_wanted`] says), and keep clear of all other
 /// ellipsoids and of the walls. The plane that parts a pair parts their polyhedra with half of the gap
 /// between them.
 fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &SurfaceReport) {
@@ -116,7 +116,8 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
         // so much deeper may these lie than their neighbours.
         let outside = |p: &[f64; 3]| longest * (quadratic(rows[row], *p).sqrt() - 1.0);
         let outside_mm = points.iter().map(outside).fold(0.0, f64::max);
-        let is_very_flat = rows[row].0.semi_axes_mm().max() > 3.0 * rows[row].0.semi_axes_mm().min();
+        let is_very_flat =
+            rows[row].0.semi_axes_mm().max() > bodies::STRETCHED * rows[row].0.semi_axes_mm().min();
         if is_very_flat {
             assert_dents_are_wanted(points, triangles, outside_mm + 1e-9 * longest);
         }
@@ -174,9 +175,9 @@ fn assert_dents_are_wanted(points: &[[f64; 3]], triangles: &[[u32; 3]], rounding
         let [a, b, c, d] = placed;
         let normal = surface::cross(minus(b, a), minus(c, a));
         let height_mm = surface::dot(normal, minus(d, a)) / surface::dot(normal, normal).sqrt();
-        let angles = grain::opposite_angles(placed);
+        let angles = curved::opposite_angles(placed);
         assert!(
-            height_mm <= rounding_mm || angles.is_some_and(|angles| angles < PI - grain::CLEARLY + 1e-6),
+            height_mm <= rounding_mm || angles.is_some_and(|angles| angles < PI - curved::CLEARLY + 1e-6),
             "{height_mm} mm, {angles:?}"
         );
     }
@@ -200,9 +201,9 @@ fn cross(points: &[[f64; 3]], one: [u32; 3], other: [u32; 3]) -> bool {
 }
 
 /// Gmsh left hundreds of flat tetrahedra in ellipsoids with a preset's distribution: inside of edges that are far from
-/// Delaunay's. Now there is none, the surface does not cross itself, and it has the volume of the grain.
+/// Delaunay's, and stretched triangles made HXT abort. The surface does not cross itself.
 #[test]
-fn very_flat_ellipsoids_have_no_edge_that_is_far_from_delaunay() {
+fn long_and_flat_ellipsoids_have_triangles_that_are_nearly_equilateral() {
     for axes in [[6.0, 3.2, 1.4], [6.0, 5.0, 1.5], [6.0, 2.0, 1.9], [6.0, 4.0, 0.6]] {
         for (segments, size_field) in [(8, true), (16, true), (16, false), (32, true)] {
             // One that is near, so that there are short and long edges.
@@ -217,9 +218,20 @@ fn very_flat_ellipsoids_have_no_edge_that_is_far_from_delaunay() {
             let beyond = across(triangles);
             let far = beyond.iter().filter(|&(&[a, b], &c)| {
                 let placed = [a, b, c, beyond[&[b, a]]].map(|p| points[p as usize]);
-                grain::opposite_angles(placed).is_some_and(|angles| angles > PI + grain::CLEARLY + 1e-6)
+                curved::opposite_angles(placed).is_some_and(|angles| angles > PI + curved::CLEARLY + 1e-6)
             });
-            assert_eq!(far.count(), 0, "{axes:?} {segments}");
+            let (far, edges) = (far.count(), beyond.len());
+            assert!(20 * far <= edges, "{axes:?} {segments}: {far} of {edges}");
+            // Twice the inscribed over the circumscribed radius: 1 of an equilateral triangle.
+            let shape = |corners: &[u32; 3]| {
+                let [a, b, c] = corners.map(|p| points[p as usize]);
+                let [p, q, r] =
+                    [minus(a, b), minus(b, c), minus(c, a)].map(|side| surface::dot(side, side).sqrt());
+                (q + r - p) * (r + p - q) * (p + q - r) / (p * q * r)
+            };
+            let mean = triangles.iter().map(shape).sum::<f64>() / triangles.len() as f64;
+            println!("{axes:?} {segments} {size_field}: shape {mean}, {far} of {edges}");
+            assert!(mean > 0.55, "{axes:?} {segments}: {mean}");
             for (i, one) in triangles.iter().enumerate() {
                 for other in &triangles[..i] {
                     let are_apart = one.iter().all(|p| !other.contains(p));
@@ -275,7 +287,7 @@ fn ellipsoids_have_their_volume_and_the_triangles_estimated() {
             },
         ] {
             let model = Model::new(&specimen, &grains);
-            let (guess, _) =
+            let (guess, ..) =
                 estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
             let (mesh, report) = mesh(&specimen, &grains, &options);
             let ratio = guess.triangles as f64 / report.triangles as f64;
@@ -389,14 +401,14 @@ fn the_script_of_solids_enlarges_ellipsoids_as_far_as_gaps_allow() {
     let grains = crowded();
     let model = Model::new(&CUBE, &grains);
     let write = |volume_correction| {
-        let options = geo::GeoOptions { volume_correction, ..geo::GeoOptions::default() };
+        let options = geo::GeoOptions { segments: 24, volume_correction, ..geo::GeoOptions::default() };
         let mut script = Vec::new();
         let report = geo::write(&model, &options, &Limits::default(), &Unattended, &mut script).unwrap();
         (String::from_utf8(script).unwrap(), report)
     };
     let (script, report) = write(VolumeCorrection::None);
     assert_eq!(report.grains_short_of_volume, 0);
-    assert!((-0.07..-0.03).contains(&report.expected_volume_error), "{report:?}");
+    assert!((-0.035..-0.012).contains(&report.expected_volume_error), "{report:?}");
     let determinant = |map: &[f64; 12]| nalgebra::Matrix3::from_fn(|i, k| map[4 * i + k]).determinant();
     let exact = maps(&script);
     assert_eq!(exact.len(), grains.len());
@@ -410,7 +422,7 @@ fn the_script_of_solids_enlarges_ellipsoids_as_far_as_gaps_allow() {
     assert!(factors.iter().all(|factor| (1.0..1.03).contains(factor)), "{factors:?}");
     // Three of them lie close to another or to the floor.
     assert_eq!(report.grains_short_of_volume, 3);
-    assert!((-0.05..-0.01).contains(&report.expected_volume_error), "{report:?}");
+    assert!((-0.02..-0.003).contains(&report.expected_volume_error), "{report:?}");
     let enlarged = |row: usize| {
         let shape = grains.shapes[row].ellipsoid().unwrap();
         let axes: [f64; 3] = (shape.semi_axes_mm() * factors[row]).into();

@@ -36,7 +36,7 @@ const EVEN_DENSITY: f64 = 2.31;
 pub(super) const BYTES_PER_TRIANGLE: u64 = 48;
 /// Steps of the integral over the surroundings of a nearest point.
 const STEPS: usize = 16;
-/// Most polyhedra whose surfaces are made for an estimate, about.
+/// Most polyhedra, or ellipsoids, whose surfaces are made for an estimate, about.
 const SAMPLED_GRAINS: usize = 200;
 /// Sizes that a class of a plan is divided into.
 const SIZES_PER_CLASS: usize = 4;
@@ -68,15 +68,16 @@ impl MeshEstimate {
     }
 }
 
-/// Estimates the mesh of a packing. Where the surface of the specimen is made for that, it is returned as well.
+/// Estimates the mesh of a packing, and returns what was made for that: surfaces of templates, and in some cases that
+/// of the specimen.
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] for a periodic box, [`ExportError::Stopped`].
-pub(super) fn of_model(
-    model: &MeshModel<'_>,
-    options: &SurfaceOptions,
+pub(super) fn of_model<'a>(
+    model: &'a MeshModel<'_>,
+    options: &'a SurfaceOptions,
     control: &dyn Control,
-) -> Result<(MeshEstimate, Option<Shell>), ExportError> {
+) -> Result<(MeshEstimate, Option<Shell>, Grains<'a>), ExportError> {
     check(model.specimen)?;
     let bodies = &model.bodies;
     if (0..bodies.len()).any(|row| bodies.polyhedron(row).is_some()) {
@@ -86,11 +87,13 @@ pub(super) fn of_model(
     let shell_mm = surface_mean_mm(model);
     let shell = Patch::of_diameter(options, shell_mm);
     let mut triangles = shell_triangles(model.specimen, shell.edge_mm);
+    let of_even = even_share(&grains, bodies.len(), control)?;
     for row in 0..bodies.len() {
         if row % GRAINS_PER_LOOK == 0 {
             go_on(control)?;
         }
-        triangles += grains.fineness(row).triangles() as f64;
+        let is_even = bodies.image(row).is_stretched();
+        triangles += grains.fineness(row).triangles() as f64 * if is_even { of_even } else { 1.0 };
         if !options.size_field {
             continue;
         }
@@ -103,23 +106,37 @@ pub(super) fn of_model(
         };
         grains.for_each_facing(row, grains.reach_mm(row), |faced| {
             let contact = bodies.contact(row, faced.row, faced.toward);
-            triangles += patch(&contact).more_triangles(faced.gap, contact.bend);
+            let patch = if is_even { even } else { patch(&contact) };
+            triangles += patch.more_triangles(faced.gap, contact.bend);
         });
         for at_wall in model.walls(row) {
             let contact = bodies.contact(row, None, at_wall.toward);
             triangles += shell.more_triangles(at_wall.gap, contact.bend);
         }
     }
-    Ok((MeshEstimate::of(triangles), None))
+    Ok((MeshEstimate::of(triangles), None, grains))
+}
+
+/// Triangles of ellipsoids that are divided evenly over those of images of a sphere, by some of them.
+fn even_share(grains: &Grains<'_>, count: usize, control: &dyn Control) -> Result<f64, ExportError> {
+    let (mut of_even, mut of_images) = (0.0, 0.0);
+    for row in (0..count).step_by(count.div_ceil(SAMPLED_GRAINS).max(1)) {
+        go_on(control)?;
+        if let Some(triangles) = grains.even_triangles(row) {
+            of_even += triangles as f64;
+            of_images += grains.fineness(row).triangles() as f64;
+        }
+    }
+    Ok(if of_images > 0.0 { of_even / of_images } else { 1.0 })
 }
 
 /// Estimates the mesh of a packing of polyhedra: the surface of the specimen and those of some of the grains are made,
 /// for the triangles of flat faces near each other follow from no curvature.
-fn of_polyhedra(
-    model: &MeshModel<'_>,
-    options: &SurfaceOptions,
+fn of_polyhedra<'a>(
+    model: &'a MeshModel<'_>,
+    options: &'a SurfaceOptions,
     control: &dyn Control,
-) -> Result<(MeshEstimate, Option<Shell>), ExportError> {
+) -> Result<(MeshEstimate, Option<Shell>, Grains<'a>), ExportError> {
     let most = (options.max_bytes / BYTES_PER_TRIANGLE) as usize + 1;
     let mut grains = Grains::new(model, options)?;
     let shell = Shell::new(model, Division::of(model, options), most);
@@ -135,7 +152,7 @@ fn of_polyhedra(
         triangles += made.map_or(most, |(surface, _)| surface.triangles.len());
     }
     let share = model.bodies.len() as f64 / f64::max(sampled as f64, 1.0);
-    Ok((MeshEstimate::of(shell_triangles as f64 + triangles as f64 * share), shell))
+    Ok((MeshEstimate::of(shell_triangles as f64 + triangles as f64 * share), shell, grains))
 }
 
 /// Estimates the mesh of a packing of that plan: right within a factor of two or so, for gaps are known by their

@@ -3,15 +3,18 @@
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
-//! images), `polyhedron` and `rounded`, `surface` (refinement), `surfaces` (all of a packing, on several threads),
+//! images), `polyhedron` and `facets`, `surface` (refinement), `surfaces` (all of a packing, on several threads),
 //! `size` (length of edges), `grain` (volume), `estimate` (triangles and bytes beforehand).
 
 mod bodies;
+mod curved;
 #[cfg(test)]
 mod ellipsoid_tests;
 mod estimate;
+mod facets;
 pub mod geo;
 mod grain;
+mod loss;
 pub mod msh;
 mod near;
 mod options;
@@ -19,13 +22,14 @@ mod outline;
 mod polyhedron;
 #[cfg(test)]
 mod polyhedron_tests;
-mod rounded;
 mod shell;
 mod size;
+mod solid;
 mod sphere;
 pub mod stl;
 mod surface;
 mod surfaces;
+mod template_surface;
 #[cfg(test)]
 mod tests;
 
@@ -41,7 +45,7 @@ use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use bodies::MeshModel;
 pub use estimate::MeshEstimate;
-pub use options::{SurfaceOptions, VolumeCorrection};
+pub use options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use surface::Surface;
 use surfaces::Mesh;
 
@@ -201,6 +205,16 @@ impl MeshRequest {
     }
 }
 
+impl MeshReport {
+    /// What is missing of the mesh, in words.
+    pub fn warnings(&self) -> &[String] {
+        match self {
+            Self::Msh(report) | Self::Stl(report) => &report.warnings,
+            Self::Geo(report) => &report.warnings,
+        }
+    }
+}
+
 /// What a mesh came out as.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -226,6 +240,9 @@ pub struct SurfaceReport {
     pub aggregate_volume_error: f64,
     /// Grains whose gaps left no room for their volume, where that was asked for.
     pub grains_short_of_volume: u64,
+    /// What is missing of the mesh, in words.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 /// Judges what can be judged before there are grains.
@@ -294,6 +311,7 @@ fn report_of(model: &MeshModel<'_>, shell: &Surface) -> SurfaceReport {
         aggregate_volume_mm3: 0.0,
         aggregate_volume_error: 0.0,
         grains_short_of_volume: 0,
+        warnings: Vec::new(),
     }
 }
 
@@ -313,6 +331,7 @@ impl SurfaceReport {
         if exact > 0.0 {
             self.aggregate_volume_error = self.aggregate_volume_mm3 / exact - 1.0;
         }
+        self.warnings = loss::warnings(self.aggregate_volume_error, self.grains_short_of_volume);
     }
 }
 

@@ -59,6 +59,9 @@ pub struct SurfaceOptions {
     /// Whether polyhedra are enlarged to the volume of their spheres.
     #[cfg_attr(feature = "openapi", schema(default = "scaled", required = false))]
     pub volume_correction: VolumeCorrection,
+    /// Whether faces of polyhedra that are too narrow for the edges may be left out.
+    #[cfg_attr(feature = "openapi", schema(default = "simplified", required = false))]
+    pub faces: FaceChoice,
     /// Longest file that may be made, in bytes: a mesh that is estimated to be longer is refused.
     #[cfg_attr(feature = "openapi", schema(default = 500_000_000, required = false, minimum = 1))]
     pub max_bytes: u64,
@@ -74,6 +77,29 @@ pub enum VolumeCorrection {
     /// Vertices moved outwards until the polyhedron has the volume of its sphere, as far as half of every gap is left.
     #[default]
     Scaled,
+}
+
+/// Which faces of polyhedra are meshed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum FaceChoice {
+    /// Faces and edges that are much narrower than the edges asked for may be left out, and the other faces moved, as
+    /// far as the volume is kept.
+    #[default]
+    Simplified,
+    /// All faces of sharp grains, as they are.
+    Exact,
+}
+
+impl FaceChoice {
+    /// Reads `faces` out of a request; faults go where the object's go.
+    pub(super) fn read(object: &mut Object<'_>) -> Option<Self> {
+        match object.optional("faces") {
+            Some(at) => at.choice(&[("simplified", Self::Simplified), ("exact", Self::Exact)]),
+            None => Some(Self::default()),
+        }
+    }
 }
 
 impl VolumeCorrection {
@@ -96,6 +122,7 @@ impl Default for SurfaceOptions {
             size_field: true,
             max_segments: Some(4 * DEFAULT_SEGMENTS),
             volume_correction: VolumeCorrection::default(),
+            faces: FaceChoice::default(),
             max_bytes: DEFAULT_MAX_BYTES,
         }
     }
@@ -126,6 +153,7 @@ impl SurfaceOptions {
         let most_at = object.optional("max_segments");
         let most = number(most_at.as_ref());
         let volume_correction = VolumeCorrection::read(object);
+        let faces = FaceChoice::read(object);
         let max_bytes = object
             .optional("max_bytes")
             .map_or(Some(DEFAULT_MAX_BYTES), |at| at.integer(1, MOST_BYTES).map(|n| n as u64));
@@ -167,6 +195,7 @@ impl SurfaceOptions {
             size_field: size_field?,
             max_segments,
             volume_correction: volume_correction?,
+            faces: faces?,
             max_bytes: max_bytes?,
         };
         sound.then_some(read)

@@ -2,13 +2,17 @@
 
 #![allow(clippy::unwrap_used)]
 
-use super::rounded::Facets;
-use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
+use super::tests::{CUBE, CYLINDER, assert_closed_sphere};
 use super::*;
 use crate::export::polyhedra_samples::{mixed, packed};
 use crate::gap::polyhedra::Body;
 use crate::geometry::convex::{Convex, Place};
 use crate::packing::Solids;
+use crate::shape::polyhedron::{TemplateKind, draw_template};
+use crate::shape::{Form, Pose, Solid};
+use nalgebra::Vector3;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
 
 fn mesh(specimen: &Specimen, grains: &Solids, options: &SurfaceOptions) -> (Mesh, SurfaceReport) {
     Mesh::new(&Model::new(specimen, grains), options, &Limits::default(), &Unattended).unwrap()
@@ -77,39 +81,74 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
 }
 
 #[test]
-fn sharp_polyhedra_are_meshed_exactly() {
+fn sharp_polyhedra_have_their_volume_and_all_faces_where_these_are_asked_for() {
     for specimen in [CUBE, CYLINDER] {
         let grains = packed(&specimen, 24, [5.0, 2.0], 0.05, 0.0);
         let templates = Convex::all(&grains.templates);
-        for size_field in [false, true] {
-            let options = SurfaceOptions { size_field, ..SurfaceOptions::default() };
-            // The edges over the diameters are the same for all grains; those of facets are rounded to a step.
-            let edge = (options.edge_mm(1.0).ln() * 16.0).round() / 16.0;
-            let narrow = |template: usize| Facets::of_narrow(&templates[template], edge.exp()).is_some();
-            let is_narrow: Vec<bool> = (0..templates.len()).map(narrow).collect();
-            assert!(is_narrow.contains(&true) && is_narrow.contains(&false), "{is_narrow:?}");
+        for (size_field, faces) in
+            [(false, FaceChoice::Simplified), (true, FaceChoice::Simplified), (true, FaceChoice::Exact)]
+        {
+            let options = SurfaceOptions { size_field, faces, ..SurfaceOptions::default() };
             let (mesh, report) = mesh(&specimen, &grains, &options);
             assert_sound(&specimen, &grains, &mesh, &report, 1e-8);
-            assert!(report.aggregate_volume_error.abs() < 1e-12, "{report:?}");
-            assert_eq!(report.grains_short_of_volume, 0);
-            // The vertices of the grains are among those of the mesh, to the last bit but for the sum with the centre,
-            // where no face is too narrow; others are near.
+            assert!(report.aggregate_volume_error.abs() < 2e-3, "{report:?}");
+            let mut exact = 0;
             for row in 0..grains.len() {
                 let number = grains.shapes[row].template().unwrap() as usize;
-                if is_narrow[number] {
-                    let place = Place::of(&grains, row);
-                    let away = |p: &[f64; 3]| templates[number].distance(&place.local(&(*p).into()));
-                    let farthest = mesh.grain(row).0.iter().map(away).fold(0.0, f64::max);
-                    assert!(farthest < 0.05 * grains.shapes[row].d_mm(), "{row}: {farthest}");
-                    continue;
-                }
+                let place = Place::of(&grains, row);
+                let away = |p: &[f64; 3]| templates[number].distance(&place.local(&(*p).into()));
+                let farthest = mesh.grain(row).0.iter().map(away).fold(0.0, f64::max);
+                assert!(farthest < 0.05 * grains.shapes[row].d_mm(), "{row}: {farthest}");
+                // The vertices of the grains are among those of the mesh, to the last bit but for the sum with the
+                // centre, where no face is left out.
                 let template = grains.shape(row).polyhedron().unwrap().template;
-                for vertex in template.world_vertices_mm(grains.shapes[row].d_mm(), &grains.poses[row]) {
-                    assert!(mesh.grain(row).0.contains(&vertex.into()), "{row}");
-                }
-                let (points, triangles) = mesh.grain(row);
-                println!("{size_field} {row} {} {}", triangles.len(), smallest_angle(points, triangles));
+                let mut vertices = template.world_vertices_mm(grains.shapes[row].d_mm(), &grains.poses[row]);
+                exact += usize::from(vertices.all(|vertex| mesh.grain(row).0.contains(&vertex.into())));
             }
+            assert!(exact > 0 && (faces == FaceChoice::Simplified) == (exact < grains.len()), "{exact}");
+        }
+    }
+}
+
+/// Polyhedra of all numbers of faces and roundings have their volume, however coarse the edges are and however narrow
+/// the gaps.
+#[test]
+fn polyhedra_have_their_volume_at_all_segments() {
+    let specimen = Specimen::Box { size_mm: [30.0; 3], boundary: crate::request::Boundary::Walls };
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+    for rounding in [0.0, 0.05, 0.2, 0.4] {
+        let templates = [6, 24, 60].map(|faces| {
+            let form = Form { elongation: 0.8, flatness: 0.7 };
+            let template = draw_template(TemplateKind::Cuts(faces), form, &mut rng).unwrap();
+            template.with_relative_rounding(rounding).unwrap().normalized()
+        });
+        // In a row, 0.1 mm apart along x and from the lowest wall.
+        let mut grains = Solids { templates: templates.to_vec(), ..Solids::default() };
+        let mut x = 0.0;
+        for (number, template) in (0..).zip(&templates) {
+            let d_mm = 7.0 - f64::from(number);
+            let along = |axis: usize, side: f64| {
+                let heights = template.vertices().iter().map(|v| side * v[axis]);
+                d_mm * (heights.fold(f64::NEG_INFINITY, f64::max) + rounding)
+            };
+            let center_mm = Vector3::new(x + 0.1 + along(0, -1.0), 15.0, 0.1 + along(2, -1.0));
+            x = center_mm.x + along(0, 1.0);
+            grains.shapes.push(Solid::Polyhedron { template: number, d_mm });
+            grains.poses.push(Pose::at(center_mm));
+        }
+        let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
+        for segments in [6, 10, 16, 40] {
+            let options = SurfaceOptions::default().with_segments(segments);
+            let (mesh, report) = mesh(&specimen, &grains, &options);
+            assert_sound(&specimen, &grains, &mesh, &report, 1e-7);
+            let error = report.aggregate_volume_mm3 / exact - 1.0;
+            assert!(error.abs() < 5e-3, "rounding {rounding}, {segments} segments: {error}");
+            assert!(report.warnings.is_empty());
+            let options = geo::GeoOptions { segments, ..geo::GeoOptions::default() };
+            let model = Model::new(&specimen, &grains);
+            let script = geo::write(&model, &options, &Limits::default(), &Unattended, &mut std::io::sink());
+            let error = script.unwrap().expected_volume_error;
+            assert!(error.abs() < 5e-3, "rounding {rounding}, {segments} segments, geo: {error}");
         }
     }
 }
@@ -183,8 +222,7 @@ fn ellipsoids_and_polyhedra_are_meshed_together() {
                 let body = crate::gap::solids::Body::new(grains.shape(other), &grains.poses[other]);
                 for p in points {
                     let at_point = crate::shape::Ellipsoid::sphere(0.02).unwrap();
-                    let at_point =
-                        crate::gap::solids::Body::new(at_point.into(), &crate::shape::Pose::at((*p).into()));
+                    let at_point = crate::gap::solids::Body::new(at_point.into(), &Pose::at((*p).into()));
                     assert!(at_point.is_apart(&body, 0.0), "a vertex of {row} lies at {other}");
                 }
             }
@@ -193,7 +231,8 @@ fn ellipsoids_and_polyhedra_are_meshed_together() {
         let exact: f64 = (0..grains.len()).map(|row| grains.shape(row).volume_mm3()).sum();
         assert!((volume / exact - 1.0).abs() < 5e-3, "{report:?}");
         let model = Model::new(&specimen, &grains);
-        let (guess, _) = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let (guess, ..) =
+            estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
         let ratio = guess.triangles as f64 / report.triangles as f64;
         assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);
     }
@@ -205,7 +244,8 @@ fn estimates_of_polyhedra_are_what_the_mesh_has() {
     let grains = packed(&cube, 300, [3.0, 1.0], 0.05, 0.05);
     for options in [SurfaceOptions::default(), SurfaceOptions::default().with_segments(8)] {
         let model = Model::new(&cube, &grains);
-        let (guess, _) = estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
+        let (guess, ..) =
+            estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
         let (_, report) = mesh(&cube, &grains, &options);
         let ratio = guess.triangles as f64 / report.triangles as f64;
         assert!((1.0 / 1.1..1.1).contains(&ratio), "{ratio} of {}", report.triangles);

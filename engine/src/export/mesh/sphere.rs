@@ -49,6 +49,9 @@ impl Finenesses {
 }
 
 impl Fineness {
+    /// The icosahedron.
+    pub(super) const ICOSAHEDRON: Self = Self { b: 1, c: 0 };
+
     /// Lattice triangles of a face of the icosahedron.
     fn per_face(self) -> i64 {
         self.b * self.b + self.b * self.c + self.c * self.c

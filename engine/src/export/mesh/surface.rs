@@ -26,8 +26,8 @@ pub(super) trait Shape {
     }
     /// Whether a triangle with this centroid and longest edge is too large for its place.
     fn wants_shorter(&self, centroid: [f64; 3], longest_mm: f64) -> bool;
-    /// The longest that an edge may be of a triangle with these corners, beside what is asked for by its place.
-    fn most_mm(&self, _: [u32; 3]) -> f64 {
+    /// The longest that an edge may be of a triangle of that patch, beside what is asked for by its place.
+    fn most_mm(&self, _patch: u32) -> f64 {
         f64::INFINITY
     }
     /// Whether edge ab, between triangles abc and bad, should be edge cd instead.
@@ -43,6 +43,9 @@ pub(super) struct Surface {
     pub(super) triangles: Vec<[u32; 3]>,
     /// The triangles behind the edges 01, 12 and 20.
     behind: Vec<[u32; 3]>,
+    /// The patch of each triangle, such as a face of a polyhedron. Edges between two patches are never flipped. Empty
+    /// where there is one patch.
+    patches: Vec<u32>,
 }
 
 impl Surface {
@@ -65,7 +68,17 @@ impl Surface {
             behind[one.2 as usize][usize::from(one.3)] = two.2;
             behind[two.2 as usize][usize::from(two.3)] = one.2;
         }
-        Self { points, triangles, behind }
+        Self { points, triangles, behind, patches: Vec::new() }
+    }
+
+    /// The same, with the patch of each triangle.
+    pub(super) fn of_patches(points: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>, patches: Vec<u32>) -> Self {
+        Self { patches, ..Self::new(points, triangles) }
+    }
+
+    /// The patch of a triangle.
+    pub(super) fn patch(&self, triangle: usize) -> u32 {
+        self.patches.get(triangle).copied().unwrap_or(0)
     }
 
     /// Splits triangles until none has a longer edge than its shape wants, and flips what edges are wrong
@@ -98,7 +111,9 @@ impl Surface {
                 let other = self.behind[t as usize][edge];
                 let Some(back) = (0..3).find(|&k| self.same_edge(t, edge, other, k)) else { continue };
                 let d = self.triangles[other as usize][(back + 2) % 3];
-                if shape.is_wrong([a, b], [c, d], &self.points) {
+                let is_inside = self.patch(t as usize) == self.patch(other as usize);
+                if is_inside && shape.is_wrong([a, b], [c, d], &self.points) && !self.are_neighbours(t, c, d)
+                {
                     let [_, bc, ca] = [0, 1, 2].each(|k| self.behind[t as usize][(edge + k) % 3]);
                     let [_, ad, db] = [0, 1, 2].each(|k| self.behind[other as usize][(back + k) % 3]);
                     self.triangles[t as usize] = [a, d, c];
@@ -116,6 +131,22 @@ impl Surface {
         flips > 0
     }
 
+    /// Whether two vertices have an edge, the first of which is a corner of that triangle.
+    fn are_neighbours(&self, t: u32, c: u32, d: u32) -> bool {
+        let mut at = t;
+        loop {
+            let corners = self.triangles[at as usize];
+            if corners.contains(&d) {
+                return true;
+            }
+            let Some(k) = corners.iter().position(|p| *p == c) else { return true };
+            at = self.behind[at as usize][k];
+            if at == t {
+                return false;
+            }
+        }
+    }
+
     /// Tells a triangle what now lies behind its edge from one vertex to another.
     fn rename(&mut self, t: u32, [from, to]: [u32; 2], behind: u32) {
         let corners = self.triangles[t as usize];
@@ -130,7 +161,7 @@ impl Surface {
         let [a, b, c] = self.triangles[t].each(|p| shape.place(self.points[p as usize]));
         let longest_mm = distance2(a, b).max(distance2(b, c)).max(distance2(c, a)).sqrt();
         let centroid = arrays::from_fn(|i| (a[i] + b[i] + c[i]) / 3.0);
-        longest_mm > shape.most_mm(self.triangles[t]) || shape.wants_shorter(centroid, longest_mm)
+        longest_mm > shape.most_mm(self.patch(t)) || shape.wants_shorter(centroid, longest_mm)
     }
 
     /// The edge that a triangle is split at. Two triangles agree about which of two edges is longer, for
@@ -200,6 +231,9 @@ impl Surface {
         self.behind[t as usize][second] = new;
         self.triangles.push([middle, corners[second], corners[third]]);
         self.behind.push([u32::MAX, beyond, t]);
+        if !self.patches.is_empty() {
+            self.patches.push(self.patch(t as usize));
+        }
         self.rename(beyond, [corners[third], corners[second]], new);
     }
 

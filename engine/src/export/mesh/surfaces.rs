@@ -6,6 +6,8 @@
 use super::bodies::MeshModel;
 use super::estimate;
 use super::grain::Grains;
+use super::loss;
+use super::options::VolumeCorrection;
 use super::shell::{Division, Shell};
 use super::surface::Surface;
 use super::{SurfaceOptions, SurfaceReport, check, report_of, report_progress, too_large};
@@ -43,6 +45,10 @@ struct Maker<'a> {
 
 impl Mesh {
     /// Meshes a packing, and tells what came out.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] where the grains lack more of their volume than [`loss::MOST_LACKING`], though the
+    /// volume was asked for.
     pub(super) fn new(
         model: &Model<'_>,
         options: &SurfaceOptions,
@@ -51,7 +57,28 @@ impl Mesh {
     ) -> Result<(Self, SurfaceReport), ExportError> {
         check(model.specimen)?;
         let model = &MeshModel::new(model)?;
-        let (estimate, shell) = estimate::of_model(model, options, control)?;
+        let (mesh, report) = Self::of_model(model, options, limits, control)?;
+        let lacking = -report.aggregate_volume_error;
+        if options.volume_correction == VolumeCorrection::Scaled && lacking > loss::MOST_LACKING {
+            let advice = loss::fitting_segments(options.segments, |segments| {
+                let options = options.clone().with_segments(segments);
+                let (_, report) = Self::of_model(model, &options, limits, control).ok()?;
+                Some(-report.aggregate_volume_error)
+            });
+            go_on(control)?;
+            return Err(loss::refused(lacking, report.grains_short_of_volume, advice));
+        }
+        Ok((mesh, report))
+    }
+
+    /// The same whatever volume is missing.
+    fn of_model(
+        model: &MeshModel<'_>,
+        options: &SurfaceOptions,
+        limits: &Limits,
+        control: &dyn Control,
+    ) -> Result<(Self, SurfaceReport), ExportError> {
+        let (estimate, shell, grains) = estimate::of_model(model, options, control)?;
         if estimate.bytes > options.max_bytes.min(limits.max_memory_bytes) {
             return Err(too_large(model, options, Some(estimate), limits));
         }
@@ -68,7 +95,6 @@ impl Mesh {
         let mut report = report_of(model, &shell.surface);
         let count = model.bodies.len();
         let mut mesh = Self { shell, points, triangles, ends: reserved(count)? };
-        let grains = Grains::new(model, options)?;
         let maker = || Maker { grains: grains.clone(), made: Vec::new() };
         let pieces = count.div_ceil(GRAINS_PER_PIECE);
         let mut makers = slots(limits.export_threads, pieces, maker);

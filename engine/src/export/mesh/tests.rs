@@ -273,7 +273,7 @@ fn packings_have_their_volume_and_more_segments_mean_more_triangles() {
             assert!(report.triangles > before, "{segments}: {report:?} after {before}");
             before = report.triangles;
             let model = Model::new(&request.specimen, packing.spheres().unwrap());
-            let (guess, _) =
+            let (guess, ..) =
                 estimate::of_model(&MeshModel::new(&model).unwrap(), &options, &Unattended).unwrap();
             let ratio = guess.triangles as f64 / report.triangles as f64;
             assert!(
@@ -295,12 +295,37 @@ fn the_same_model_is_the_same_bytes() {
         let limits = Limits::default();
         msh::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut msh).unwrap();
         stl::write(&model, &SurfaceOptions::default(), &limits, &Unattended, &mut stl).unwrap();
-        geo::write(&model, &geo::GeoOptions::default(), &limits, &Unattended, &mut geo).unwrap();
+        let options = geo::GeoOptions { segments: 24, ..geo::GeoOptions::default() };
+        geo::write(&model, &options, &limits, &Unattended, &mut geo).unwrap();
         [msh, stl, geo]
     };
     assert_eq!(bytes(&CUBE), bytes(&CUBE));
     assert_eq!(bytes(&CYLINDER), bytes(&CYLINDER));
     assert_ne!(bytes(&CUBE), bytes(&CYLINDER));
+}
+
+/// Gmsh's triangles lack 14 / n² of the volume of spheres, and touching spheres leave no room to enlarge them.
+#[test]
+fn a_mesh_that_lacks_much_volume_is_refused_and_one_that_lacks_little_warns() {
+    let packing = spheres(&[([5.0, 8.0, 6.0], 8.0), ([13.0, 8.0, 6.0], 8.0)]);
+    let model = Model::new(&CUBE, &packing);
+    let write = |segments: u32, volume_correction: VolumeCorrection| {
+        let options = geo::GeoOptions { segments, volume_correction, ..geo::GeoOptions::default() };
+        geo::write(&model, &options, &Limits::default(), &Unattended, &mut sink())
+    };
+    let refused = write(16, VolumeCorrection::Scaled).unwrap_err();
+    assert!(matches!(refused, ExportError::Unavailable(_)));
+    let text = refused.to_string();
+    assert!(text.contains("lack 5.5 % of their volume, more than 2 %: the gaps around 2 grains"), "{text}");
+    assert!(text.contains("segments=32, ") && text.contains("volume_correction=none"), "{text}");
+    let report = write(32, VolumeCorrection::Scaled).unwrap();
+    assert!((-0.015..-0.012).contains(&report.expected_volume_error), "{report:?}");
+    let warning =
+        "the meshed grains lack 1.4 % of their volume: the gaps around 2 grains leave no room for it";
+    assert_eq!(MeshReport::Geo(report).warnings(), [warning]);
+    assert!(write(64, VolumeCorrection::Scaled).unwrap().warnings.is_empty());
+    let report = write(16, VolumeCorrection::None).unwrap();
+    assert_eq!(report.warnings, ["the meshed grains lack 5.5 % of their volume"]);
 }
 
 #[test]
@@ -374,7 +399,7 @@ fn options_have_defaults_and_bounds() {
             "/segments: 5 is out of range: must be a whole number from 6 to 256",
             "/volume_correction: \"best\" is unknown: must be one of \"none\", \"scaled\"",
             "/size: unknown field: this object has segments, size_mm, min_size_mm, max_size_mm, size_field, \
-             max_segments, volume_correction, max_bytes",
+             max_segments, volume_correction, faces, max_bytes",
         ]
     );
     let (_, faults) = read(&json!({"segments": 20, "max_segments": 10}));

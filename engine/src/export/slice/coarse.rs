@@ -1,10 +1,10 @@
 //! Sections of rounded polyhedra with few corners, for meshes: straight parts as they are, arcs as chords.
 //!
 //! A section that is drawn has as many corners as it takes to look round. A mesh has edges of a twentieth of the
-//! circumference of the section, or of the largest element where that is shorter. Parts that are curved, or shorter than
-//! a third of such an edge, are divided evenly; one that is shorter than that as a whole becomes its middle. The polygon
-//! is then enlarged about its centroid to the area of the section, as far as a quarter of the gaps to other sections and
-//! half of those to the edges of the cut allow.
+//! circumference of the section, or of the largest element where that is shorter. Parts that are curved, or shorter
+//! than a third of such an edge, are divided evenly; one that is shorter than that as a whole becomes its middle. The
+//! polygon is then enlarged about its centroid to the area of the section, as far as a quarter of the gaps to other
+//! sections and half of those to the edges of the cut allow.
 
 use std::collections::HashMap;
 

@@ -2,8 +2,8 @@
 //!
 //! A sharp grain has the faces of its template. A rounded one has its plane faces, rectangles around its edges and
 //! triangles around its vertices, whose arcs turn by at most 45 degrees at a time. An ellipsoid or sphere among
-//! polyhedra has 320 triangles, which turn by at most 18 degrees on the sphere that it is an image of. Surfaces that are
-//! not exact are scaled about the centre until they have the volume of the grain. Points are not shared by grains.
+//! polyhedra has 320 triangles, which turn by at most 18 degrees on the sphere that it is an image of. Surfaces that
+//! are not exact are scaled about the centre until they have the volume of the grain. Points are not shared by grains.
 //! Arrays of the polygons: `diameter` (float64, mm; of the sphere of equal volume), `sieve` (float64, mm),
 //! `sieve_class`, `id` and `aggregate` as in the other forms, `template` (int32; -1 of ellipsoids). Mixtures have
 //! `tensor` as ellipsoids have it in the other forms; it is 0 of polyhedra.

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::super::grains::Grains;
 use super::super::nodes::lay;
 use super::super::surface::Surface;
-use super::super::tessellation::{edge_point, face_point};
+use super::super::tessellation::{Tet, edge_point, face_point};
 use super::super::{BoundaryNodes, Lattice, LatticeOptions};
 use super::{in_box, in_cylinder};
 use crate::export::Model;
@@ -15,9 +15,12 @@ use crate::gap::ellipsoids::Body;
 use crate::geometry::delaunay::delaunay;
 use crate::packing::{Grains as Packed, Solids};
 use crate::request::{PackingRequest, Specimen};
+use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Pose};
 use crate::{Limits, Unattended, pack};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
 
 fn packed(specimen: &serde_json::Value) -> (Specimen, Solids) {
     let request = json!({
@@ -238,5 +241,43 @@ fn lattices_of_ellipsoids_and_polyhedra_pass_their_checks() {
         let model = Model::new(&specimen, &overlapping);
         let grains = Grains::new(&model).unwrap();
         assert!(grains.overlap([one, other], 1e-6) && grains.overlap([other, one], 1e-6));
+    }
+}
+
+/// Random points of all facets, each held against all grains.
+#[test]
+fn the_share_of_facets_in_grains_is_that_of_random_points() {
+    let box_ = json!({"type": "box", "size_mm": [40.0, 35.0, 30.0]});
+    let (specimen, ellipsoids) = packed(&box_);
+    let (_, spheres) = in_box();
+    let spheres = as_ellipsoids(&spheres);
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+    for grains in [&ellipsoids, &spheres] {
+        let model = Model::new(&specimen, grains);
+        let lattice =
+            Lattice::make(&model, &LatticeOptions::default(), &Limits::default(), &Unattended).unwrap();
+        let is_inside = |p: Vector3<f64>| {
+            (0..grains.len()).any(|grain| {
+                let pose = &grains.poses[grain];
+                let local = pose.rotation().tr_mul(&(p - pose.center_mm));
+                let axes = grains.shapes[grain].ellipsoid().unwrap().semi_axes_mm();
+                local.component_div(&axes).norm_squared() < 1.0
+            })
+        };
+        let (mut inside, mut all) = (0.0, 0.0);
+        for tet in lattice.tetrahedra() {
+            for facet in Tet::new(lattice.nodes(), *tet).facets() {
+                let [a, b, c] = facet.vertices;
+                let (mut s, mut t) = (uniform(&mut rng), uniform(&mut rng));
+                if s + t > 1.0 {
+                    (s, t) = (1.0 - s, 1.0 - t);
+                }
+                let area = (b - a).cross(&(c - a)).norm();
+                inside += area * f64::from(u8::from(is_inside(a + (b - a) * s + (c - a) * t)));
+                all += area;
+            }
+        }
+        let (found, expected) = (lattice.report().facet_area_in_grains, inside / all);
+        assert!(expected > 0.02 && (found - expected).abs() < 0.01, "{found}, {expected}");
     }
 }

@@ -2,8 +2,12 @@
 //!
 //! Gmsh divides the half of the sphere's meridian between its poles first, into the whole number of segments next above
 //! what the edges ask for, and the rest of the surface has triangles of the same edges. So the closed curve has an even
-//! number `n` of segments. Its poles are the ends of the long axis here, so that the curve is the section through the
-//! long and the middle axis, and its edges have the length `h` that divides it into `n`.
+//! number `n` of segments, and its edges have the length `h` that divides it into `n`.
+//!
+//! Gmsh divides a surface on its parameters, and finds no triangles where the two semi-axes of the equator differ by
+//! more than a factor of 2.9. So the poles are the ends of the short axis of flat ellipsoids and those of the long axis
+//! of others. Where the semi-axes of the equator still differ much, Gmsh's algorithm `MeshAdapt` leaves triangles that
+//! its default does not; it is slower.
 //!
 //! Triangles with edges `h` and corners on a surface with the mean curvature `H` lie `h² H / 8` below it in the mean.
 //! Summed over an ellipsoid, whose integral of `H` is `2 pi` times its mean width `w`, the polyhedron lacks the share
@@ -15,15 +19,26 @@ use std::f64::consts::PI;
 use crate::elementary::powf;
 use crate::shape::Ellipsoid;
 
-/// Fewest segments of the circle with the short semi-axis as its radius.
-const LEAST_SEGMENTS: f64 = 6.0;
+/// Fewest segments of the circle with the short semi-axis as its radius, with the poles at the ends of the long axis,
+/// where the surface is curved most, and of the short axis. With fewer Gmsh fails, or divides the meridian again.
+const LEAST_SEGMENTS: [f64; 2] = [12.0, 9.0];
+/// Semi-axes of the equator over each other below which the default algorithm leaves flat triangles or none.
+const LEAST_EQUATOR: f64 = 0.55;
+/// Short over long semi-axis above which an ellipsoid is nearly round, and the segments that it has at least.
+const ROUND: f64 = 0.5;
+const ROUND_SEGMENTS: f64 = 6.0;
 /// Share by which edges may be longer than segments, so that rounding makes no more of these.
 const EDGE_TOLERANCE: f64 = 1.0e-5;
 
 /// A sphere or an ellipsoid, and how finely Gmsh divides it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Dilated {
-    /// Half of the circumference of the section through the long and the middle axis.
+    /// The semi-axes, by their number from the long one, that the axes x, y and z of the sphere are dilated to; its
+    /// poles lie on z, and its meridian in the plane of x and z.
+    pub(super) order: [usize; 3],
+    /// Whether the semi-axes of the equator differ much.
+    pub(super) needs_mesh_adapt: bool,
+    /// Half of the circumference of the meridian.
     half_mm: f64,
     /// Segments of that circumference, an even number.
     segments: f64,
@@ -43,11 +58,22 @@ impl Dilated {
     }
 
     fn new([a, b, c]: [f64; 3], mean_width_mm: f64, longest_mm: f64) -> Self {
-        let half_mm = half_circumference(a, b);
-        let edge_mm = longest_mm.min(2.0 * PI * c / LEAST_SEGMENTS);
+        let is_flat = b / a > c / b;
+        let (order, meridian, equator) =
+            if is_flat { ([0, 1, 2], [a, c], b / a) } else { ([1, 2, 0], [a, b], c / b) };
+        let half_mm = half_circumference(meridian[0], meridian[1]);
+        // Spheres and nearly round ellipsoids are not curved more in one place than in another.
+        let least = if c > ROUND * a { ROUND_SEGMENTS } else { LEAST_SEGMENTS[usize::from(is_flat)] };
+        let edge_mm = longest_mm.min(2.0 * PI * c / least);
         // A hundredth of a segment more is no reason for another.
         let segments = 2.0 * (half_mm / edge_mm - 0.01).ceil();
-        Self { half_mm, segments, curvature_per_mm2: mean_width_mm / (2.0 * a * b * c) }
+        Self {
+            order,
+            needs_mesh_adapt: equator < LEAST_EQUATOR,
+            half_mm,
+            segments,
+            curvature_per_mm2: mean_width_mm / (2.0 * a * b * c),
+        }
     }
 
     /// What the polyhedron lacks of the volume.
@@ -89,8 +115,14 @@ mod tests {
         let of = |segments: f64| Dilated::sphere(3.0, 6.0 * PI / segments).segments;
         assert_eq!([of(15.0), of(16.0), of(16.01), of(16.1), of(17.0)], [16.0, 16.0, 16.0, 18.0, 18.0]);
         assert_eq!(of(2.0), 6.0);
-        let flat = Ellipsoid::new([3.0, 3.0, 0.5]).unwrap();
-        assert_eq!(Dilated::ellipsoid(&flat, 10.0).segments, 36.0);
+        // Twelve edges in the circle with the radius 0.5, and an ellipse of the semi-axes 3 and 0.5.
+        let long = Ellipsoid::new([3.0, 0.5, 0.5]).unwrap();
+        let long = Dilated::ellipsoid(&long, 10.0);
+        assert_eq!((long.segments, long.order, long.needs_mesh_adapt), (48.0, [1, 2, 0], false));
+        let flat = Dilated::ellipsoid(&Ellipsoid::new([3.0, 3.0, 0.5]).unwrap(), 10.0);
+        assert_eq!((flat.segments, flat.order, flat.needs_mesh_adapt), (36.0, [0, 1, 2], false));
+        let blade = Dilated::ellipsoid(&Ellipsoid::new([3.0, 1.0, 0.33]).unwrap(), 10.0);
+        assert!(blade.needs_mesh_adapt);
     }
 
     #[test]

@@ -15,7 +15,8 @@ use std::io::{self, Write};
 use serde::{Deserialize, Serialize};
 
 use super::bodies::MeshModel;
-use super::options::{SurfaceOptions, VolumeCorrection};
+use super::loss;
+use super::options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
@@ -51,11 +52,14 @@ pub struct GeoOptions {
     /// and the polyhedra in place of rounded grains too.
     #[cfg_attr(feature = "openapi", schema(default = "scaled", required = false))]
     pub volume_correction: VolumeCorrection,
+    /// Whether faces of polyhedra that are too narrow for the edges may be left out.
+    #[cfg_attr(feature = "openapi", schema(default = "simplified", required = false))]
+    pub faces: FaceChoice,
 }
 
 impl Default for GeoOptions {
     fn default() -> Self {
-        Self { segments: 16, volume_correction: VolumeCorrection::default() }
+        Self { segments: 16, volume_correction: VolumeCorrection::default(), faces: FaceChoice::default() }
     }
 }
 
@@ -68,7 +72,8 @@ impl GeoOptions {
             None => Some(Self::default().segments),
         };
         let volume_correction = VolumeCorrection::read(object);
-        Some(Self { segments: segments?, volume_correction: volume_correction? })
+        let faces = FaceChoice::read(object);
+        Some(Self { segments: segments?, volume_correction: volume_correction?, faces: faces? })
     }
 }
 
@@ -86,6 +91,9 @@ pub struct GeoReport {
     /// Grains whose gaps left no room for their volume, where that was asked for.
     #[serde(default)]
     pub grains_short_of_volume: u64,
+    /// What is missing of the mesh, in words.
+    #[serde(default)]
+    pub warnings: Vec<String>,
 }
 
 /// Judges what can be judged before there are grains.
@@ -109,11 +117,34 @@ pub fn write(
 ) -> Result<GeoReport, ExportError> {
     super::check(of.specimen)?;
     let model = &MeshModel::new(of)?;
+    let report = write_whatever_lacks(of, model, options, control, out)?;
+    let lacking = -report.expected_volume_error;
+    if options.volume_correction == VolumeCorrection::Scaled && lacking > loss::MOST_LACKING {
+        let advice = loss::fitting_segments(Some(options.segments), |segments| {
+            let options = GeoOptions { segments, ..options.clone() };
+            let report = write_whatever_lacks(of, model, &options, control, &mut io::sink()).ok()?;
+            Some(-report.expected_volume_error)
+        });
+        go_on(control)?;
+        return Err(loss::refused(lacking, report.grains_short_of_volume, advice));
+    }
+    Ok(report)
+}
+
+/// Writes the script, whatever volume is missing.
+fn write_whatever_lacks(
+    of: &Model<'_>,
+    model: &MeshModel<'_>,
+    options: &GeoOptions,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<GeoReport, ExportError> {
     let grains = model.bodies.len();
     let edge_mm = PI * super::surface_mean_mm(model) / f64::from(options.segments);
     let surfaces = SurfaceOptions {
         size_field: false,
         volume_correction: options.volume_correction,
+        faces: options.faces,
         ..SurfaceOptions::default().with_segments(options.segments)
     };
     let mut script = Script::new(model, &surfaces, edge_mm, out)?;
@@ -135,11 +166,13 @@ pub fn write(
     write_groups(&mut script.out, of, faces, surfaces.as_deref())?;
     script.out.flush()?;
     super::report_progress(control, grains, grains);
+    let volume_error = if grains == 0 { 0.0 } else { script.meshed_mm3 / script.exact_mm3 - 1.0 };
     Ok(GeoReport {
         grains: grains as u64,
         longest_edge_mm: script.longest_mm,
-        expected_volume_error: if grains == 0 { 0.0 } else { script.meshed_mm3 / script.exact_mm3 - 1.0 },
+        expected_volume_error: volume_error,
         grains_short_of_volume: script.short,
+        warnings: loss::warnings(volume_error, script.short),
     })
 }
 

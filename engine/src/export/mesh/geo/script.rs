@@ -22,6 +22,10 @@ const NUMBERS_OF_SPECIMEN: usize = 32;
 
 /// Gmsh's number of the algorithm that leaves fewer flat tetrahedra than its default (`docs/meshes.md`).
 const HXT: u32 = 10;
+/// Gmsh's number of the algorithm that divides a surface by its lengths in space.
+const MESH_ADAPT: u32 = 1;
+/// Most surfaces that a line names.
+const NUMBERS_PER_LINE: usize = 1000;
 
 /// Least number of the points, lines and surfaces of polyhedra, with so many spheres and ellipsoids.
 fn first_number(curved: usize) -> usize {
@@ -40,6 +44,8 @@ pub(super) struct Script<'a, W: Write> {
     specimen: [usize; 2],
     /// Edges of the spheres and ellipsoids.
     edges_mm: Vec<f64>,
+    /// Of these, the numbers from 1 of those that `MeshAdapt` divides.
+    mesh_adapt: Vec<usize>,
     /// Least numbers that are free.
     point: usize,
     line: usize,
@@ -69,6 +75,7 @@ impl<'a, W: Write> Script<'a, W> {
             longest_mm,
             specimen: [0; 2],
             edges_mm: Vec::new(),
+            mesh_adapt: Vec::new(),
             point: first,
             line: first,
             surface: first,
@@ -102,8 +109,8 @@ impl<'a, W: Write> Script<'a, W> {
         Ok(faces)
     }
 
-    /// A sphere or an ellipsoid: the unit sphere, dilated along x to the middle semi-axis, along y to the short one and
-    /// along z, where its poles are, to the long one; then turned and moved to its place.
+    /// A sphere or an ellipsoid: the unit sphere, dilated along its axes to the semi-axes, then turned and moved to its
+    /// place.
     pub(super) fn curved(&mut self, row: usize) -> io::Result<()> {
         let bodies: &'a Bodies<'a> = &self.model.bodies;
         let (diameter, [x, y, z]) = (bodies.diameter(row), bodies.center(row));
@@ -120,7 +127,7 @@ impl<'a, W: Write> Script<'a, W> {
                 writeln!(self.out, "Sphere({tag}) = {{0, 0, 0, 1}};")?;
                 let rotation = pose.rotation();
                 let rows = [x, y, z].into_iter().enumerate().map(|(i, at)| {
-                    let [p, q, r] = [1, 2, 0].each(|k| factor * axes[k] * rotation[(i, k)]);
+                    let [p, q, r] = dilated.order.each(|k| factor * axes[k] * rotation[(i, k)]);
                     format!("{p}, {q}, {r}, {at}")
                 });
                 let map = rows.collect::<Vec<_>>().join(", ");
@@ -129,6 +136,9 @@ impl<'a, W: Write> Script<'a, W> {
             _ => writeln!(self.out, "Sphere({tag}) = {{{x}, {y}, {z}, {}}};", factor * diameter / 2.0)?,
         }
         self.edges_mm.push(dilated.edge_mm(factor));
+        if dilated.needs_mesh_adapt {
+            self.mesh_adapt.push(self.edges_mm.len());
+        }
         self.add_volume(row, bodies.volume_mm3(row) * factor.powi(3) * (1.0 - dilated.lacking()));
         Ok(())
     }
@@ -137,24 +147,24 @@ impl<'a, W: Write> Script<'a, W> {
     pub(super) fn polyhedron(&mut self, row: usize, grain: &PlacedPolyhedron<'_>) -> io::Result<()> {
         let edge_mm = self.longest_mm_of(grain.shape.scale_mm);
         let center: Vector = grain.pose.center_mm.into();
-        let (angular, placed) = self.grains.placed(row, grain);
-        let volume_mm3 = placed.volume_mm3();
-        let (factor, full) = angular.factor(volume_mm3, &placed);
-        self.short += u64::from(!full);
+        let (_, placed) = self.grains.placed(row, grain);
+        let (template, faces) = (&placed.template, &placed.template.facets.faces);
+        self.short += u64::from(!placed.is_full);
         let out = &mut self.out;
-        for (tag, vertex) in (self.point..).zip(&placed.vertices) {
-            let [x, y, z] = sum(center, scaled(*vertex, factor));
-            writeln!(out, "Point({tag}) = {{{x}, {y}, {z}, {edge_mm}}};")?;
+        for (vertex, point) in placed.vertices.iter().enumerate() {
+            let [x, y, z] = sum(center, scaled(*point, placed.factor));
+            let size_mm = edge_mm * template.fineness_at(vertex);
+            writeln!(out, "Point({}) = {{{x}, {y}, {z}, {size_mm}}};", self.point + vertex)?;
         }
         let edges: Vec<[u32; 2]> =
-            placed.faces.iter().flat_map(|corners| directed_edges(corners)).filter(|[p, q]| p < q).collect();
+            faces.iter().flat_map(|corners| directed_edges(corners)).filter(|[p, q]| p < q).collect();
         for (tag, ends) in (self.line..).zip(&edges) {
             let [from, to] = ends.each(|vertex| self.point + vertex as usize);
             writeln!(out, "Line({tag}) = {{{from}, {to}}};")?;
         }
         let mut lines: Vec<([u32; 2], usize)> = edges.iter().copied().zip(self.line..).collect();
         lines.sort_unstable();
-        for (tag, corners) in (self.surface..).zip(placed.faces) {
+        for (tag, corners) in (self.surface..).zip(faces) {
             write!(out, "c = newcl;\nCurve Loop(c) = {{")?;
             for (i, [from, to]) in directed_edges(corners).enumerate() {
                 let line = lines.binary_search_by_key(&[from.min(to), from.max(to)], |(ends, _)| *ends);
@@ -164,13 +174,13 @@ impl<'a, W: Write> Script<'a, W> {
             }
             writeln!(out, "}};\nPlane Surface({tag}) = {{c}};")?;
         }
-        let next = self.surface + placed.faces.len();
+        let next = self.surface + faces.len();
         writeln!(out, "s = newsl;\nSurface Loop(s) = {{{}:{}}};", self.surface, next - 1)?;
         writeln!(out, "Volume({}) = {{s}};\nholes() += {{s}};", row + 2)?;
         self.point += placed.vertices.len();
         self.line += edges.len();
         self.surface = next;
-        self.add_volume(row, volume_mm3 * factor.powi(3));
+        self.add_volume(row, placed.meshed_mm3());
         Ok(())
     }
 
@@ -194,6 +204,10 @@ impl<'a, W: Write> Script<'a, W> {
         for (i, edge_mm) in self.edges_mm.iter().enumerate() {
             let pole = corners + 1 + 2 * i;
             writeln!(out, "MeshSize {{{pole}, {}}} = {edge_mm};", pole + 1)?;
+        }
+        for numbers in self.mesh_adapt.chunks(NUMBERS_PER_LINE) {
+            let tags: Vec<String> = numbers.iter().map(|i| (faces + i).to_string()).collect();
+            writeln!(out, "MeshAlgorithm Surface {{{}}} = {MESH_ADAPT};", tags.join(", "))?;
         }
         self.longest_mm = self.edges_mm.iter().copied().fold(self.longest_mm, f64::max);
         writeln!(out, "Mesh.MeshSizeMax = {};\nMesh.Algorithm3D = {HXT};", self.longest_mm)?;
