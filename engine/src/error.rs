@@ -195,7 +195,7 @@ impl std::fmt::Display for GrowthStopped {
             GrowthEnd::SweepLimit => write!(f, "the sweep limit was reached; raise stop.sweeps, or {less}")?,
             GrowthEnd::Target => write!(f, "it ended short of its target; {less}")?,
             GrowthEnd::Finished => {
-                write!(f, "it was to finish, and no scale of the sizes keeps the distance")?
+                write!(f, "it was to finish, and no scale of the sizes keeps the distance")?;
             }
             GrowthEnd::NoStart => {
                 write!(f, "random addition found no start, with grains of any smaller size; {less}")?;

@@ -57,7 +57,7 @@ fn after_miss(request: &PackingRequest, limits: &Limits, facts: &FailureFacts) -
 
 /// Twice the limit that ended the growth.
 fn longer(request: &PackingRequest, end: Option<GrowthEnd>) -> Option<Change> {
-    let stop = serde_json::to_value(&request.method).ok()?["stop"].take();
+    let stop = serde_json::to_value(request.method).ok()?["stop"].take();
     let (limit, value) = match end? {
         GrowthEnd::TimeLimit => ("time_s", json!(2.0 * stop["time_s"].as_f64()?)),
         GrowthEnd::EventLimit => ("events", json!(stop["events"].as_u64()?.saturating_mul(2))),

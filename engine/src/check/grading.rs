@@ -118,10 +118,10 @@ fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
     for class in all.iter_mut().flat_map(|classes| classes.iter_mut()) {
         (class.grains, class.volume_mm3) = (0, 0.0);
     }
-    for row in 0..grains.len() {
+    for (row, aggregate) in part.iter().enumerate().take(grains.len()) {
         let (d, volume_mm3) = grains.get(row);
         let d = d * (1.0 - grains.size_error(row));
-        let of_aggregate = by_aggregate.then(|| 1 + usize::from(part[row]));
+        let of_aggregate = by_aggregate.then(|| 1 + usize::from(*aggregate));
         for number in std::iter::once(0).chain(of_aggregate) {
             if let Some(index) = class_of(all[number], d) {
                 all[number][index].grains += 1;
@@ -257,20 +257,17 @@ fn judge(
         }
     }
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
-    match &list {
-        Some(list) => {
-            check_list(grains, list, has_all)?;
-            if let Grains::Bodies { .. } = grains {
-                // A list names sizes; their volumes are those of the bodies.
-                for class in &mut classes {
-                    class.target_volume_mm3 = class.volume_mm3;
-                }
+    if let Some(list) = &list {
+        check_list(grains, list, has_all)?;
+        if let Grains::Bodies { .. } = grains {
+            // A list names sizes; their volumes are those of the bodies.
+            for class in &mut classes {
+                class.target_volume_mm3 = class.volume_mm3;
             }
         }
-        None => {
-            let rounding = ROUNDING * all.max(1.0);
-            check_cumulative(&classes, &largest, &doubtful_mm3, rounding, has_all)?;
-        }
+    } else {
+        let rounding = ROUNDING * all.max(1.0);
+        check_cumulative(&classes, &largest, &doubtful_mm3, rounding, has_all)?;
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs();
     let worst_miss_mm3 = classes.iter().map(miss).fold(0.0, f64::max);

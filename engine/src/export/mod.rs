@@ -45,7 +45,7 @@ pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 8;
+pub const REVISION: u32 = 9;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

@@ -87,7 +87,7 @@ impl<'a> Case<'a> {
     }
 
     /// The same of grains that grow until they jam, if they do.
-    pub(super) fn to_jamming(self, to_jamming: bool) -> Self {
+    pub(super) fn with_jamming(self, to_jamming: bool) -> Self {
         Self { to_jamming, ..self }
     }
 

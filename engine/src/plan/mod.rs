@@ -210,7 +210,7 @@ impl Plan {
         }
         check_maximize(request, &mix)?;
         let grains = mix.expected_grains();
-        let case = Case::of_mix(request, &mix, &rule).to_jamming(densest.is_some());
+        let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
         let mut warnings: Vec<String> = Vec::new();
         if densest.is_none() {
             check_feasible(&case)?;
@@ -277,7 +277,7 @@ impl Plan {
         let request = drawn.as_ref().unwrap_or(request);
         let mix = GradedMix::new(&request.mix, self.specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        let case = Case::of_mix(request, &mix, &rule).to_jamming(densest.is_some());
+        let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
         self.proposal = Some(case.proposal(&case.of_request(&self.methods)));
         self
     }

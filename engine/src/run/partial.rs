@@ -200,22 +200,27 @@ pub(super) fn warning(summary: &Summary) -> Option<String> {
         Some(requested) => format!("{:.4} of {requested:.4}", partial.volume_fraction_reached),
         None => format!("{:.4}", partial.volume_fraction_reached),
     };
-    let mut text =
-        format!("the packing is partial: {ended_by} ended the run at a volume fraction of {reached}");
-    if partial.grains_placed < partial.grains_requested {
-        text += &format!(
+    let missing = if partial.grains_placed < partial.grains_requested {
+        format!(
             "; {} of {} grains are placed, and the finest are missing: those of {:.4} mm and less",
             partial.grains_placed, partial.grains_requested, summary.d_min_mm
-        );
-    }
-    if partial.size_scale != 1.0 {
-        text += &format!(
+        )
+    } else {
+        String::new()
+    };
+    let scaled = if partial.size_scale == 1.0 {
+        String::new()
+    } else {
+        format!(
             "; all sizes are scaled by {:.6}, the largest factor at which the grains keep their distances",
             partial.size_scale
-        );
-    }
-    if let (None, Some(mm)) = (partial.distance_mm_requested, partial.distance_mm_reached) {
-        text += &format!("; the distance reached is {mm:.4} mm");
-    }
-    Some(text)
+        )
+    };
+    let distance = match (partial.distance_mm_requested, partial.distance_mm_reached) {
+        (None, Some(mm)) => format!("; the distance reached is {mm:.4} mm"),
+        _ => String::new(),
+    };
+    Some(format!(
+        "the packing is partial: {ended_by} ended the run at a volume fraction of {reached}{missing}{scaled}{distance}"
+    ))
 }

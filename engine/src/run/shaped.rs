@@ -235,13 +235,7 @@ impl<S: ConvexShape> Job<'_, S> {
                 is_list: run.is_list(),
             }),
         })?;
-        let end = match outcome.end {
-            monte_carlo::End::Target => GrowthEnd::Target,
-            monte_carlo::End::Stalled => GrowthEnd::Stalled,
-            monte_carlo::End::TimeLimit => GrowthEnd::TimeLimit,
-            monte_carlo::End::SweepLimit => GrowthEnd::SweepLimit,
-            monte_carlo::End::Finished => GrowthEnd::Finished,
-        };
+        let end = growth_end(outcome.end);
         let counted = outcome.statistics;
         let short = run.is_short(outcome.scale, end).then(|| {
             let failure = TargetNotReached::GrowthStopped(GrowthStopped {
@@ -295,5 +289,15 @@ impl<S: ConvexShape> Job<'_, S> {
             grains: poses_alone(outcome.poses),
         };
         Ok((placed, shapes))
+    }
+}
+
+fn growth_end(end: monte_carlo::End) -> GrowthEnd {
+    match end {
+        monte_carlo::End::Target => GrowthEnd::Target,
+        monte_carlo::End::Stalled => GrowthEnd::Stalled,
+        monte_carlo::End::TimeLimit => GrowthEnd::TimeLimit,
+        monte_carlo::End::SweepLimit => GrowthEnd::SweepLimit,
+        monte_carlo::End::Finished => GrowthEnd::Finished,
     }
 }

@@ -204,7 +204,8 @@ fn drawn_by(request: &PackingRequest, report: &Report) -> Result<PackingRequest,
     let drawn = drawing.numbers_of(request);
     // It bounds how many grains are drawn.
     let mix = GradedMix::new(&drawn.mix, drawn.specimen.volume_mm3());
-    if !is_list && !(mix.volume_fraction_effective > 0.0 && mix.volume_fraction_effective <= 1.0) {
+    let is_fraction = mix.volume_fraction_effective > 0.0 && mix.volume_fraction_effective <= 1.0;
+    if !(is_list || is_fraction) {
         return VerifyError::wrong("summary/volume_fraction_drawn is out of range: no grains fill so much");
     }
     Ok(drawn)

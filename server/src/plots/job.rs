@@ -167,7 +167,9 @@ fn at_scale(request: &PackingRequest, summary: &Summary) -> PackingRequest {
             *fraction *= scale.powi(3);
         }
         if let Some(Grading::Diameters { diameters_mm }) = &mut request.mix.grading {
-            diameters_mm.iter_mut().for_each(|d| *d *= scale);
+            for diameter_mm in diameters_mm {
+                *diameter_mm *= scale;
+            }
             request.mix.d_min_mm = request.mix.d_min_mm.map(|d| d * scale);
         }
     }

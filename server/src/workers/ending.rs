@@ -52,12 +52,12 @@ pub(crate) struct Run {
 /// Why a run failed, and what a study keeps of it.
 pub(crate) struct FailedRun {
     pub(crate) failure: Box<Failure>,
-    pub(crate) facts: Facts,
+    pub(crate) facts: Box<Facts>,
 }
 
 impl From<Failure> for FailedRun {
     fn from(failure: Failure) -> Self {
-        Self { failure: Box::new(failure), facts: Facts::default() }
+        Self { failure: Box::new(failure), facts: Box::default() }
     }
 }
 
@@ -117,7 +117,7 @@ impl<M> End<M> {
         match self {
             Self::Made(made) => Told::Succeeded(made),
             Self::Failed(FailedRun { failure, facts }) => {
-                Told::Failed((**failure).clone(), Facts { time_s, ..facts.clone() })
+                Told::Failed((**failure).clone(), Facts { time_s, ..(**facts).clone() })
             }
             Self::Stopped(Stop::Cancelled) => Told::Cancelled,
             Self::Stopped(Stop::TimedOut) => {

@@ -147,7 +147,7 @@ impl TaskKind for Packings {
             if let PackError::CheckFailed(what) = &error {
                 tracing::error!(%what, "a packing failed its check");
             }
-            let facts = Facts::of_failure(&error, 0.0);
+            let facts = Box::new(Facts::of_failure(&error, 0.0));
             FailedRun { facts, failure: Box::new(failure_of(error, &request, &work.limits)) }
         })?;
         drop(computing);

@@ -73,10 +73,10 @@ pub(super) fn lower_bound(functions: &[Linear]) -> Option<Bound> {
                 (entering, most) = (Column::Function(k), gain);
             }
         }
-        for axis in 0..3 {
-            let gain = prices[axis].abs() - 1.0;
+        for (axis, price) in prices.iter().enumerate().take(3) {
+            let gain = price.abs() - 1.0;
             if gain > most.max(ROUNDING) {
-                (entering, most) = (Column::Side(axis, -prices[axis].signum()), gain);
+                (entering, most) = (Column::Side(axis, -price.signum()), gain);
             }
         }
         if matches!(entering, Column::None) {

@@ -20,6 +20,8 @@ const SHORT: f64 = 0.35;
 const MOST_ENLARGED: f64 = 1.1;
 
 type Point = [f64; 2];
+/// A grain and the area of its section: images of one grain at opposite edges have the same.
+type Image = (usize, u64);
 
 /// The corners of each section of a rounded polyhedron about its centre; none of other sections.
 pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
@@ -28,8 +30,8 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
         return vec![None; all.len()];
     }
     let rooms = rooms(cut);
-    let mut least: HashMap<(usize, u64), f64> = HashMap::new();
-    let mut made: Vec<Option<(Vec<Point>, (usize, u64))>> = Vec::with_capacity(all.len());
+    let mut least: HashMap<Image, f64> = HashMap::new();
+    let mut made: Vec<Option<(Vec<Point>, Image)>> = Vec::with_capacity(all.len());
     for ((section, polygon), room) in cut.sections.iter().zip(all).zip(rooms) {
         made.push(polygon.map(|polygon| {
             let edge_mm = longest_mm.min(circumference(&polygon.corners_mm) / SEGMENTS);
@@ -44,7 +46,7 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
             (corners, image)
         }));
     }
-    let enlarged = |(corners, image): (Vec<Point>, (usize, u64))| {
+    let enlarged = |(corners, image): (Vec<Point>, Image)| {
         let factor = least.get(&image).copied().unwrap_or(1.0);
         corners.iter().map(|p| [factor * p[0], factor * p[1]]).collect()
     };

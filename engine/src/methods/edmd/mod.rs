@@ -183,7 +183,7 @@ impl Edmd<'_> {
         } else {
             match self.start(&frame, &protocols, &rule, maximize.is_some())? {
                 Start::Run(run) => *run,
-                Start::Finished(outcome) => return Ok(outcome),
+                Start::Finished(outcome) => return Ok(*outcome),
             }
         };
         let before_s = run.elapsed_s(&frame);
@@ -292,7 +292,7 @@ impl Edmd<'_> {
                     return Ok(Start::Run(Box::new(run)));
                 }
                 rsa::End::Stopped if control.finish().is_some() => {
-                    return Ok(Start::Finished(Outcome {
+                    return Ok(Start::Finished(Box::new(Outcome {
                         centers_mm: outcome.centers_mm,
                         rsa: statistics,
                         statistics: EdmdStatistics {
@@ -305,7 +305,7 @@ impl Edmd<'_> {
                         growth_curve: Vec::new(),
                         rsa_s,
                         edmd_s: 0.0,
-                    }));
+                    })));
                 }
                 rsa::End::Stopped => return Err(Interrupted::Stopped),
                 rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
@@ -320,5 +320,5 @@ impl Edmd<'_> {
 enum Start {
     Run(Box<Run>),
     /// The run was to finish before all grains were placed: the end of it.
-    Finished(Outcome),
+    Finished(Box<Outcome>),
 }

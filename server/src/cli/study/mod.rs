@@ -399,7 +399,7 @@ impl<'a> Done<'a> {
         match message {
             Message::Ended(ended) => {
                 pool.note_end();
-                self.record(ended, watch)
+                self.record(*ended, watch)
             }
             Message::Found(runs) => {
                 watch.found(runs.len());

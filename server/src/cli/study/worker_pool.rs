@@ -103,7 +103,7 @@ pub(super) struct WorkerPool<'a> {
 /// What the threads send.
 pub(super) enum Message {
     /// A run ended.
-    Ended(Ended),
+    Ended(Box<Ended>),
     /// Runs of a point that other processes have made.
     Found(Vec<RunRecord>),
     /// A point of a shard is run by another process, which is described.
@@ -172,7 +172,7 @@ impl WorkerPool<'_> {
         let running = state.running_of.entry(point).or_default();
         *running = running.saturating_sub(1);
         run.is_last = *running == 0 && state.queue.iter().all(|(of, _)| *of != point);
-        sender.send(Ok(Message::Ended(run))).is_ok()
+        sender.send(Ok(Message::Ended(Box::new(run)))).is_ok()
     }
 
     /// Removes the queued jobs of a point that another process has taken over.

@@ -388,13 +388,17 @@ impl Run {
         self.note_point(frame);
         self.report(frame);
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
-        let least_dt = frame.options.stop.stall_dt_s.unwrap_or_else(|| {
+        let stalled = events >= n as f64 && time / events * (n as f64) < self.least_dt(frame, mean);
+        Ok((stalled && !finished).then_some(Ended::As(GrowthEnd::Stalled)))
+    }
+
+    /// Time between two events of a grain below which growth stalls, in seconds, for grains of this mean radius in mm.
+    fn least_dt(&self, frame: &Frame<'_>, mean: f64) -> f64 {
+        frame.options.stop.stall_dt_s.unwrap_or_else(|| {
             let has_target = self.stage == Stage::Scale && frame.to_jamming.is_none();
             let share = if has_target { TARGET_STALL } else { DISTANCE_STALL };
             share * mean / frame.thermal_velocity()
-        });
-        let stalled = events >= n as f64 && time / events * (n as f64) < least_dt;
-        Ok((stalled && !finished).then_some(Ended::As(GrowthEnd::Stalled)))
+        })
     }
 
     fn set_radii(&mut self, protocol: &GrowthProtocol) {
