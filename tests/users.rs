@@ -89,7 +89,9 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
         let of_study = template.starts_with("/v1/studies");
         let with = |id: &str| {
             let kind = if of_study { "success" } else { "grading" };
-            template.replace("{id}", id).replace("{type}", "slice").replace("{kind}", kind)
+            // A slice needs no script.
+            let export = if template.ends_with("/script") { "mesh" } else { "slice" };
+            template.replace("{id}", id).replace("{type}", export).replace("{kind}", kind)
         };
         let for_workers = template.starts_with("/v1/leases");
         if for_workers || template.starts_with("/v1/workers") {

@@ -26,6 +26,7 @@ fn action(method: &Method, route: &str) -> Option<String> {
         ("DELETE", "/v1/jobs") => "delete_jobs",
         ("DELETE", "/v1/jobs/{id}") => "delete_job",
         ("POST", "/v1/jobs/{id}/cancel") => "cancel_job",
+        ("POST", "/v1/jobs/{id}/finish") => "finish_job",
         ("POST", "/v1/jobs/{id}/retry") => "retry_job",
         ("POST", "/v1/jobs/{id}/exports/{type}") => "start_export",
         ("DELETE", "/v1/jobs/{id}/exports/{type}") => "delete_export",

@@ -368,7 +368,8 @@ fn list_query(filter: &Filter, after: Position, limit: i64) -> QueryBuilder {
     // `cross join` keeps the planner from leaving the labels' index, which the order relies on.
     let mut query = QueryBuilder::new(
         "select jobs.*, artifacts.path, artifacts.bytes, artifacts.sha256, artifacts.report,
-             artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths, studies.id as study_id
+             artifacts.report_digest, artifacts.format_revision, artifacts.format_lengths,
+             artifacts.is_whole as artifact_is_whole, studies.id as study_id
          from job_labels cross join jobs left join artifacts on artifacts.job = jobs.seq
              left join studies on studies.seq = jobs.study
          where jobs.seq = job_labels.job and job_labels.key = ",
