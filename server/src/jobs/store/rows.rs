@@ -47,6 +47,10 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
     let is_running = state == State::Running;
     let artifact = match row.try_get::<Option<String>>("path")? {
         Some(_) if !is_running => Some(artifact(row)?),
+        None if state == State::Succeeded => {
+            // Its page is another one.
+            return Err(StoreError::Row("the record of its result is missing".into()));
+        }
         _ => None,
     };
     let error = row.try_get::<Option<String>>("error")?.filter(|_| !is_running);

@@ -339,7 +339,14 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration, quick: bool) -> Result
     };
     let export = by_seq(&mut tx, row.try_get("seq")?).await?;
     let faults = row.try_get("faults")?;
-    let result = rows::by_seq(&mut tx, export.job_seq).await?.artifact;
+    let result = match rows::by_seq(&mut tx, export.job_seq).await {
+        Ok(job) => job.artifact,
+        Err(StoreError::Row(fault)) => {
+            tracing::error!(seq = export.job_seq, fault, "a job with an export is damaged in the database");
+            None
+        }
+        Err(error) => return Err(error),
+    };
     if result.is_none() {
         // An export waits or runs only while its job has a result: a database that says otherwise holds up no other.
         end_of_retried(&mut tx, export.job_seq, now).await?;
