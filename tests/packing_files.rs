@@ -244,12 +244,12 @@ async fn grains_of_ones_own_are_checked_by_the_specimen_of_a_job() {
     assert!(folder.join("grains.msh").exists() || folder.join("result.msh").exists(), "{made:?}");
 
     for (text, says) in [
-        ("x_mm,y_mm,z_mm,d_mm\n5,5,5,4\n9.4,5,5,4\n", "grains 0 and 1 are 4.0"),
+        ("x_mm,y_mm,z_mm,d_mm\n5,5,5,4\n9.4,5,5,4\n", "grains 0 and 1 are 0.4"),
         ("x_mm,y_mm,z_mm,d_mm\n9,5,5,2\n5,5,5,4\n5,5,8.2,2\n", "grains 1 and 2 are"),
         ("x_mm,y_mm,z_mm,d_mm\n5,5,5,4\n15,15,15,8\n10,10,0.6,1\n", "grain 2 is"),
         (
             "x_mm,y_mm,z_mm,d_mm\n5,5,5,4\n5,5,5,4\n",
-            "grains 0 and 1 are -4e0 mm apart: their rule asks for 0.5 mm",
+            "grains 0 and 1 are -4 mm apart: their rule asks for 0.5 mm",
         ),
         ("x_mm,y_mm,z_mm,d_mm\nNaN,5,5,4\n", "grain 0 has a coordinate that is no number"),
         ("x_mm,y_mm,z_mm,d_mm\n5,inf,5,4\n", "grain 0 has a coordinate that is no number"),

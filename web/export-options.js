@@ -15,6 +15,7 @@ const OPTIONS = {
   size_field: { label: "Finer where grains are close", flag: true, value: 1 },
   max_segments: { label: "Most segments where grains are close" },
   volume_correction: { label: "Volume of the polyhedra", choices: ["scaled", "none"] },
+  faces: { label: "Faces of polyhedra", choices: ["simplified", "exact"], hint: "exact keeps narrow faces" },
   max_bytes: { label: "Longest file", unit: "bytes", value: 500000000 },
   cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given" },
   voxel_mm: { label: "Edge of a voxel", unit: "mm", hint: "in place of a number" },

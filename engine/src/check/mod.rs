@@ -227,6 +227,11 @@ pub struct Check {
     pub aggregates: Vec<AggregateReport>,
 }
 
+/// A length in mm with all of its digits, the shorter of the two ways to write it.
+fn length(mm: f64) -> String {
+    if mm != 0.0 && mm.abs() < 1e-3 { format!("{mm:e}") } else { mm.to_string() }
+}
+
 /// Why a packing is not valid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Fault {
@@ -257,8 +262,8 @@ pub enum Fault {
     },
     /// Two grains are too close.
     #[error(
-        "grains {first} and {second} are {:e} mm apart: their rule asks for {required_mm} mm",
-        .clearance_mm + 0.0
+        "grains {first} and {second} are {} mm apart: their rule asks for {required_mm} mm",
+        length(.clearance_mm + 0.0)
     )]
     Pair {
         /// Row of one grain.
@@ -271,7 +276,10 @@ pub enum Fault {
         required_mm: f64,
     },
     /// A grain is too close to a wall, or beyond it.
-    #[error("grain {grain} is {:e} mm from a wall: its rule asks for {required_mm} mm", .clearance_mm + 0.0)]
+    #[error(
+        "grain {grain} is {} mm from a wall: its rule asks for {required_mm} mm",
+        length(.clearance_mm + 0.0)
+    )]
     Wall {
         /// Row of the grain.
         grain: usize,
