@@ -86,7 +86,7 @@ pub struct ShapeRsa<'a, S> {
     pub specimen: &'a Specimen,
     /// The gaps they keep.
     pub rule: DistanceRule,
-    /// Attempts per grain; `None` goes on until saturation is proven, or to [`MOST_DRAWS`] draws.
+    /// Attempts per grain; `None` goes on until saturation is proven, or to `MOST_DRAWS` draws.
     pub attempts_per_grain: Option<u64>,
     /// Where the centre of an attempt lies.
     pub attempts_in: AttemptsIn,
