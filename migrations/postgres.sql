@@ -68,9 +68,10 @@ create table studies (
     shared       boolean          not null default false,
     -- Bytes that its request takes with the parts that its jobs share.
     request_bytes bigint           not null default 0,
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored
 );
 
@@ -112,9 +113,10 @@ create table study_points (
     key_values    text collate "C" not null,
     -- Jobs that the stop rule has cancelled.
     stopped_early bigint           not null default 0,
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored,
     primary key (study, point)
 );
@@ -128,9 +130,10 @@ create table study_runs (
     outcome   text collate "C" not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text collate "C" not null,
     ended_at  bigint           not null,
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored,
     primary key (study, point, replicate)
 );
@@ -223,9 +226,10 @@ create table jobs (
     most_threads     bigint           not null default 1,
     -- Bytes that its request takes, without the part that it shares with other jobs of its study.
     request_bytes    bigint           not null default 0,
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored
 );
 
@@ -342,9 +346,10 @@ create table artifacts (
     format_lengths  text collate "C" not null,
     -- The owner of the job: the row may be deleted after that of its job.
     owner           text collate "C" not null default '',
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored
 );
 
@@ -393,9 +398,10 @@ create table exports (
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
     max_attempts     bigint           not null default 3,
-    -- In SQLite the row once more, and whether both are the same. PostgreSQL checks its pages by itself where it is set
-    -- up with checksums.
-    copy text generated always as (null) stored,
+    -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
+    -- it is set up with checksums.
+    row_text text generated always as (null) stored,
+    row_copy text generated always as (null) stored,
     is_whole bigint generated always as (1) stored
 );
 

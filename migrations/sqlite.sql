@@ -63,26 +63,18 @@ create table studies (
     shared       integer not null default 0,
     -- Bytes that its request takes with the parts that its jobs share.
     request_bytes integer not null default 0,
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read.
-    copy text generated always as (
-        quote(id) || ' ' || quote(name) || ' ' || quote(labels) || ' ' || quote(seed) || ' ' ||
-        quote(columns) || ' ' || quote(key_columns) || ' ' || quote(points) || ' ' || quote(replicates) || ' ' ||
-        quote(stop_when) || ' ' || quote(queued) || ' ' || quote(running) || ' ' || quote(succeeded) || ' ' ||
-        quote(failed) || ' ' || quote(cancelled) || ' ' || quote(runs) || ' ' || quote(runs_time_s) || ' ' ||
-        quote(version) || ' ' || quote(created_at) || ' ' || quote(finished_at) || ' ' || quote(updated_at) || ' ' ||
-        quote(expires_at) || ' ' || quote(submitted_by) || ' ' || quote(owner) || ' ' || quote(shared) || ' ' ||
-        quote(request_bytes)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(id) || ' ' || quote(name) || ' ' || quote(labels) || ' ' || quote(seed) || ' ' ||
-        quote(columns) || ' ' || quote(key_columns) || ' ' || quote(points) || ' ' || quote(replicates) || ' ' ||
-        quote(stop_when) || ' ' || quote(queued) || ' ' || quote(running) || ' ' || quote(succeeded) || ' ' ||
-        quote(failed) || ' ' || quote(cancelled) || ' ' || quote(runs) || ' ' || quote(runs_time_s) || ' ' ||
-        quote(version) || ' ' || quote(created_at) || ' ' || quote(finished_at) || ' ' || quote(updated_at) || ' ' ||
-        quote(expires_at) || ' ' || quote(submitted_by) || ' ' || quote(owner) || ' ' || quote(shared) || ' ' ||
-        quote(request_bytes)
-    )) virtual
+    -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
+    -- has changed is found where the row is read.
+    row_text text generated always as (case when finished_at is not null then
+        format(
+            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            id, name, labels, seed, columns, key_columns, points, replicates, stop_when, queued, running, succeeded,
+            failed, cancelled, runs, quote(runs_time_s), version, created_at, finished_at, updated_at, expires_at,
+            submitted_by, owner, shared, request_bytes
+        )
+    end) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual
 ) strict;
 
 create index studies_open on studies (seq) where finished_at is null;
@@ -123,14 +115,16 @@ create table study_points (
     key_values    text    not null,
     -- Jobs that the stop rule has cancelled.
     stopped_early integer not null default 0,
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read.
-    copy text generated always as (
-        quote(study) || ' ' || quote(point) || ' ' || quote(key_values) || ' ' || quote(stopped_early)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(study) || ' ' || quote(point) || ' ' || quote(key_values) || ' ' || quote(stopped_early)
-    )) virtual,
+    -- The text of the row, the same as it was stored, and whether both are equal: a bit of a page that has changed is
+    -- found where the row is read.
+    row_text text generated always as (
+        format(
+            '%Q %Q %Q %Q',
+            study, point, key_values, stopped_early
+        )
+    ) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual,
     primary key (study, point)
 ) strict, without rowid;
 
@@ -143,16 +137,16 @@ create table study_runs (
     outcome   text    not null check (outcome in ('succeeded', 'partial', 'not_reached', 'void')),
     facts     text    not null,
     ended_at  integer not null,
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read.
-    copy text generated always as (
-        quote(study) || ' ' || quote(point) || ' ' || quote(replicate) || ' ' || quote(outcome) || ' ' ||
-        quote(facts) || ' ' || quote(ended_at)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(study) || ' ' || quote(point) || ' ' || quote(replicate) || ' ' || quote(outcome) || ' ' ||
-        quote(facts) || ' ' || quote(ended_at)
-    )) virtual,
+    -- The text of the row, the same as it was stored, and whether both are equal: a bit of a page that has changed is
+    -- found where the row is read.
+    row_text text generated always as (
+        format(
+            '%Q %Q %Q %Q %Q %Q',
+            study, point, replicate, outcome, facts, ended_at
+        )
+    ) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual,
     primary key (study, point, replicate)
 ) strict, without rowid;
 
@@ -244,36 +238,21 @@ create table jobs (
     most_threads     integer not null default 1,
     -- Bytes that its request takes, without the part that it shares with other jobs of its study.
     request_bytes    integer not null default 0,
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read.
-    copy text generated always as (
-        quote(id) || ' ' || quote(state) || ' ' || quote(name) || ' ' || quote(labels) || ' ' ||
-        quote(priority) || ' ' || quote(seed) || ' ' || quote(timeout_s) || ' ' || quote(attempt) || ' ' ||
-        quote(max_attempts) || ' ' || quote(attempt_budget) || ' ' || quote(cancel_requested) || ' ' ||
-        quote(finish_requested) || ' ' ||
-        quote(version) || ' ' || quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
-        quote(updated_at) || ' ' || quote(expires_at) || ' ' || quote(lease_expires_at) || ' ' ||
-        quote(engine) || ' ' || quote(progress) || ' ' || quote(error) || ' ' || quote(study) || ' ' ||
-        quote(point) || ' ' || quote(replicate) || ' ' || quote(turn) || ' ' || quote(not_before) || ' ' ||
-        quote(waits_for) || ' ' || quote(faults) || ' ' || quote(owner) || ' ' || quote(method) || ' ' ||
-        quote(warnings) || ' ' || quote(submitted_by) || ' ' || quote(shared) || ' ' || quote(worker) || ' ' ||
-        quote(worker_key) || ' ' || quote(claim) || ' ' || quote(received_at) || ' ' || quote(forecast_us) || ' ' ||
-        quote(least_time_us) || ' ' || quote(threads) || ' ' || quote(most_threads) || ' ' || quote(request_bytes)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(id) || ' ' || quote(state) || ' ' || quote(name) || ' ' || quote(labels) || ' ' ||
-        quote(priority) || ' ' || quote(seed) || ' ' || quote(timeout_s) || ' ' || quote(attempt) || ' ' ||
-        quote(max_attempts) || ' ' || quote(attempt_budget) || ' ' || quote(cancel_requested) || ' ' ||
-        quote(finish_requested) || ' ' ||
-        quote(version) || ' ' || quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
-        quote(updated_at) || ' ' || quote(expires_at) || ' ' || quote(lease_expires_at) || ' ' ||
-        quote(engine) || ' ' || quote(progress) || ' ' || quote(error) || ' ' || quote(study) || ' ' ||
-        quote(point) || ' ' || quote(replicate) || ' ' || quote(turn) || ' ' || quote(not_before) || ' ' ||
-        quote(waits_for) || ' ' || quote(faults) || ' ' || quote(owner) || ' ' || quote(method) || ' ' ||
-        quote(warnings) || ' ' || quote(submitted_by) || ' ' || quote(shared) || ' ' || quote(worker) || ' ' ||
-        quote(worker_key) || ' ' || quote(claim) || ' ' || quote(received_at) || ' ' || quote(forecast_us) || ' ' ||
-        quote(least_time_us) || ' ' || quote(threads) || ' ' || quote(most_threads) || ' ' || quote(request_bytes)
-    )) virtual
+    -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
+    -- has changed is found where the row is read.
+    row_text text generated always as (case when finished_at is not null then
+        format(
+            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q '
+            || '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            id, state, name, labels, priority, seed, quote(timeout_s), attempt, max_attempts, attempt_budget,
+            cancel_requested, finish_requested, version, created_at, started_at, finished_at, updated_at, expires_at,
+            lease_expires_at, engine, progress, error, study, point, replicate, turn, not_before, waits_for, faults,
+            owner, method, warnings, submitted_by, shared, worker, worker_key, claim, received_at, forecast_us,
+            least_time_us, threads, most_threads, request_bytes
+        )
+    end) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual
 ) strict;
 
 create index jobs_by_state on jobs (state, seq);
@@ -389,16 +368,16 @@ create table artifacts (
     format_lengths  text    not null,
     -- The owner of the job: the row may be deleted after that of its job.
     owner           text    not null default '',
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read. The report has a digest.
-    copy text generated always as (
-        quote(attempt) || ' ' || quote(path) || ' ' || quote(bytes) || ' ' || quote(sha256) || ' ' ||
-        quote(report_digest) || ' ' || quote(format_revision) || ' ' || quote(format_lengths) || ' ' || quote(owner)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(attempt) || ' ' || quote(path) || ' ' || quote(bytes) || ' ' || quote(sha256) || ' ' ||
-        quote(report_digest) || ' ' || quote(format_revision) || ' ' || quote(format_lengths) || ' ' || quote(owner)
-    )) virtual
+    -- The text of the row, the same as it was stored, and whether both are equal: a bit of a page that has changed is
+    -- found where the row is read. The report has a digest.
+    row_text text generated always as (
+        format(
+            '%Q %Q %Q %Q %Q %Q %Q %Q',
+            attempt, path, bytes, sha256, report_digest, format_revision, format_lengths, owner
+        )
+    ) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual
 ) strict;
 
 -- Exports of finished packings: meshes, voxels, slices, lattice models. One row for each export of a job's result that
@@ -446,26 +425,18 @@ create table exports (
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
     max_attempts     integer not null default 3,
-    -- The row once more, as literals, and whether both are the same: a bit of a page that has changed is found where
-    -- the row is read.
-    copy text generated always as (
-        quote(id) || ' ' || quote(job) || ' ' || quote(key) || ' ' || quote(type) || ' ' || quote(options) || ' ' ||
-        quote(kept) || ' ' || quote(quick) || ' ' || quote(rank) || ' ' || quote(state) || ' ' ||
-        quote(attempt) || ' ' || quote(version) || ' ' || quote(progress) || ' ' || quote(path) || ' ' ||
-        quote(bytes) || ' ' || quote(sha256) || ' ' || quote(report) || ' ' || quote(error) || ' ' ||
-        quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
-        quote(updated_at) || ' ' || quote(used_at) || ' ' || quote(not_before) || ' ' || quote(faults) || ' ' ||
-        quote(owner) || ' ' || quote(lease_expires_at) || ' ' || quote(max_attempts)
-    ) stored,
-    is_whole integer generated always as (copy is (
-        quote(id) || ' ' || quote(job) || ' ' || quote(key) || ' ' || quote(type) || ' ' || quote(options) || ' ' ||
-        quote(kept) || ' ' || quote(quick) || ' ' || quote(rank) || ' ' || quote(state) || ' ' ||
-        quote(attempt) || ' ' || quote(version) || ' ' || quote(progress) || ' ' || quote(path) || ' ' ||
-        quote(bytes) || ' ' || quote(sha256) || ' ' || quote(report) || ' ' || quote(error) || ' ' ||
-        quote(created_at) || ' ' || quote(started_at) || ' ' || quote(finished_at) || ' ' ||
-        quote(updated_at) || ' ' || quote(used_at) || ' ' || quote(not_before) || ' ' || quote(faults) || ' ' ||
-        quote(owner) || ' ' || quote(lease_expires_at) || ' ' || quote(max_attempts)
-    )) virtual
+    -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
+    -- has changed is found where the row is read.
+    row_text text generated always as (case when finished_at is not null then
+        format(
+            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            id, job, key, type, options, kept, quick, rank, state, attempt, version, progress, path, bytes, sha256,
+            report, error, created_at, started_at, finished_at, updated_at, used_at, not_before, faults, owner,
+            lease_expires_at, max_attempts
+        )
+    end) virtual,
+    row_copy text generated always as (row_text) stored,
+    is_whole integer generated always as (row_copy is row_text) virtual
 ) strict;
 
 create unique index exports_by_key on exports (job, key);
