@@ -19,6 +19,7 @@ mod rows;
 mod schema;
 pub mod shapes;
 pub mod slice;
+pub mod solid;
 mod solids;
 mod steps;
 pub mod tables;
