@@ -15,6 +15,26 @@ export function counts(study) {
   return words.join(", ");
 }
 
+/** Whether a study that has so many failed jobs has one that can succeed in a second run. @type {Map<string, Promise<boolean>>} */
+const known = new Map();
+
+/**
+ * Whether a second run of a failed job can succeed; of many failed jobs the latest hundred are looked at.
+ * @param {any} study
+ */
+function canSucceedAgain(study) {
+  const key = `${study.id} ${study.counts.failed}`;
+  let asked = known.get(key);
+  if (!asked) {
+    asked = get(`/v1/studies/${study.id}/jobs?state=failed&limit=100`).then(({ items, next_cursor }) =>
+      Boolean(next_cursor || items.some((/** @type {any} */ job) => job.error?.can_retry)),
+    );
+    asked.catch(() => known.delete(key));
+    known.set(key, asked);
+  }
+  return asked;
+}
+
 /**
  * The buttons of a study.
  * @param {any} study
@@ -32,6 +52,12 @@ export function buttons(study, changed, page = { pause() {}, resume() {}, gone: 
       what,
     );
   const { failed, cancelled, queued, running } = study.counts;
+  const retryFailed = one("Retry failed", () => send("POST", `${path}/retry?state=failed`));
+  retryFailed.hidden = true;
+  if (failed > 0)
+    canSucceedAgain(study).then((can) => {
+      retryFailed.hidden = !can;
+    }, report);
   return [
     queued + running > 0 &&
       one("Cancel", async () => {
@@ -47,7 +73,7 @@ export function buttons(study, changed, page = { pause() {}, resume() {}, gone: 
         await send("POST", `${path}/cancel`);
         announce(`Cancelled: ${name}`);
       }),
-    failed > 0 && one("Retry failed", () => send("POST", `${path}/retry?state=failed`)),
+    failed > 0 && retryFailed,
     cancelled > 0 && one("Retry cancelled", () => send("POST", `${path}/retry?state=cancelled`)),
     one("Run again", async () => {
       const { request } = await get(`${path}?include=request`);

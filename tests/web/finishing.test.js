@@ -9,7 +9,7 @@ import { after, before, test } from "node:test";
 import { pathToFileURL } from "node:url";
 import { BINARY, inBrowser, openPage, startBrowser, startServer } from "./harness.js";
 
-/** What Chromium itself says of an estimate that was refused: a periodic box has no mesh, which the page asks first. */
+/** What Chromium itself says of what was refused: the mesh of a periodic box, the plot of a study of one point. */
 const REFUSED = /status of 422/;
 
 /** Equal spheres that jam before their target, and grow until they are stopped. */
@@ -95,6 +95,34 @@ test("Retry is offered where a second run can succeed, and changes where it cann
   await page.goto(`${server.url}/jobs?name=too+full`);
   await page.waitForSelector("#jobs tr [data-do=change]");
   assert.equal(await page.locator("#jobs [data-do=retry]").count(), 0);
+  clean();
+  await close();
+});
+
+test("a study offers to retry what failed where a second run can succeed", inBrowser, async () => {
+  const { seed: _, name: _name, ...late } = { name: "", ...GROWING, timeout_s: 0.5 };
+  const { seed: _seed, name: _named, ...full } = { name: "", ...FAILING };
+  const studies = [];
+  for (const template of [late, full]) {
+    const body = JSON.stringify({ template, seed: 1, replicates: 2 });
+    const made = await server.ask("/v1/studies", {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body,
+    });
+    const { id } = await made.json();
+    await server.ask(`/v1/studies/${id}`, { headers: { prefer: "wait=60" } });
+    studies.push(id);
+  }
+  const { page, clean, close } = await openPage(browser, `${server.url}/studies/${studies[0]}`, {
+    allow: REFUSED,
+  });
+  await page.waitForSelector("#buttons >> text=Retry failed");
+  const asked = page.waitForResponse((answer) => answer.url().includes("/jobs?state=failed"));
+  await page.goto(`${server.url}/studies/${studies[1]}`);
+  await asked;
+  await page.waitForSelector("#buttons >> text=Run again");
+  assert.equal(await page.locator("#buttons >> text=Retry failed").isVisible(), false);
   clean();
   await close();
 });

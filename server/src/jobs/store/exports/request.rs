@@ -88,23 +88,28 @@ impl Store {
         self.freeing(move |store| async move {
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let row = query(select_exports!("where exports.id = ? and jobs.id = ?"))
-                .bind(id.to_string())
-                .bind(job.to_string())
-                .fetch_optional(&mut tx)
-                .await?;
-            let record = export(&row.ok_or(StoreError::NoExport)?)?;
-            query("delete from exports where seq = ?").bind(record.seq).execute(&mut tx).await?;
-            if record.kept {
-                touch_job(&mut tx, record.job_seq, store.now_us()).await?;
+            // Only what is needed, so that a damaged row can be removed too.
+            let row = query(
+                "delete from exports where id = ? and job = (select seq from jobs where id = ?)
+                 returning job, kept, path",
+            )
+            .bind(id.to_string())
+            .bind(job.to_string())
+            .fetch_optional(&mut tx)
+            .await?
+            .ok_or(StoreError::NoExport)?;
+            let kept: bool = row.try_get("kept")?;
+            if kept {
+                touch_job(&mut tx, row.try_get("job")?, store.now_us()).await?;
             }
+            let path = row.try_get("path")?;
             tx.commit().await?;
             drop(writer);
             store.notify_export(id);
-            if record.kept {
+            if kept {
                 store.notify(job);
             }
-            Ok(record.file.map(|file| file.path))
+            Ok(path)
         })
         .await
     }
@@ -136,7 +141,19 @@ async fn find_or_insert(
         .bind(&new.key)
         .fetch_optional(&mut tx)
         .await?;
-    let known = known.as_ref().map(export).transpose()?;
+    let known = match known.as_ref().map(export) {
+        // It is made again from the result; the sweeper moves its file to the quarantine.
+        Some(Err(StoreError::Row(fault))) => {
+            tracing::error!(fault, "an export is damaged in the database and is replaced");
+            query("delete from exports where job = ? and key = ?")
+                .bind(job)
+                .bind(&new.key)
+                .execute(&mut tx)
+                .await?;
+            None
+        }
+        known => known.transpose()?,
+    };
     let keep = retention == Retention::Kept && !known.as_ref().is_some_and(|known| known.kept);
     if keep {
         check_kept(&mut tx, job).await?;

@@ -342,6 +342,34 @@ async fn an_export_of_a_job_without_a_result_holds_up_no_other() {
 }
 
 #[tokio::test]
+async fn an_export_whose_row_is_damaged_fails_and_holds_up_no_other() {
+    let (_folder, store) = fresh().await;
+    let job = finished(&store, Vec::new()).await;
+    let (damaged, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
+    let (good, _) = request(&store, job.id, cut(2.0), Retention::Cached).await;
+    query("update exports set options = '{\"axis\"' where seq = ?")
+        .bind(damaged.seq)
+        .execute(&mut store.writer().await.unwrap())
+        .await
+        .unwrap();
+    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, good.id);
+    let row = query("select state, error from exports where seq = ?")
+        .bind(damaged.seq)
+        .fetch_optional(store.readers())
+        .await
+        .unwrap()
+        .unwrap();
+    assert_eq!(row.text("state").unwrap(), "failed");
+    assert!(row.text("error").unwrap().contains("is damaged"), "{:?}", row.text("error"));
+    // The same request replaces the row, and a damaged one can be removed.
+    let (replaced, created) = request(&store, job.id, cut(1.0), Retention::Cached).await;
+    assert!(created && replaced.id != damaged.id, "{replaced:?}");
+    query("update exports set type = 'mesch'").execute(&mut store.writer().await.unwrap()).await.unwrap();
+    store.delete_export(job.id, good.id).await.unwrap();
+    assert!(matches!(store.delete_export(job.id, good.id).await, Err(StoreError::NoExport)));
+}
+
+#[tokio::test]
 async fn an_idle_export_worker_sees_the_end_of_a_pause_that_nobody_tells_of() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;

@@ -25,7 +25,7 @@ macro_rules! next {
                  progress = null, error = null, not_before = null
              where seq = (",
             waiting!($tail),
-            ") returning seq, faults"
+            ") returning seq, id, faults"
         )
     };
 }
@@ -101,8 +101,9 @@ impl Store {
                         return Ok(Some(*claimed));
                     }
                     Claim::Ended(id) => {
-                        tracing::warn!(export_id = %id, "an export of a job without a result has ended");
-                        store.notify_export(id);
+                        if let Some(id) = id {
+                            store.notify_export(id);
+                        }
                     }
                 }
             }
@@ -337,7 +338,16 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration, quick: bool) -> Result
         tx.rollback().await?;
         return Ok(Claim::None);
     };
-    let export = by_seq(&mut tx, row.try_get("seq")?).await?;
+    let seq = row.try_get("seq")?;
+    let export = match by_seq(&mut tx, seq).await {
+        Ok(export) => export,
+        Err(StoreError::Row(fault)) => {
+            fail_damaged(&mut tx, seq, &fault, now).await?;
+            tx.commit().await?;
+            return Ok(Claim::Ended(row.text("id").ok().and_then(ExportId::parse)));
+        }
+        Err(error) => return Err(error),
+    };
     let faults = row.try_get("faults")?;
     let result = match rows::by_seq(&mut tx, export.job_seq).await {
         Ok(job) => job.artifact,
@@ -348,20 +358,39 @@ async fn claim(writer: &mut Writing<'_>, lease: Duration, quick: bool) -> Result
         Err(error) => return Err(error),
     };
     if result.is_none() {
+        tracing::warn!(export_id = %export.id, "an export of a job without a result has ended");
         // An export waits or runs only while its job has a result: a database that says otherwise holds up no other.
         end_of_retried(&mut tx, export.job_seq, now).await?;
     }
     tx.commit().await?;
     Ok(match result {
         Some(result) => Claim::Claimed(Box::new(ClaimedExport { export, result, faults })),
-        None => Claim::Ended(export.id),
+        None => Claim::Ended(Some(export.id)),
     })
+}
+
+/// Ends an export whose row cannot be read.
+async fn fail_damaged(tx: &mut Transaction<'_>, seq: i64, fault: &str, now: i64) -> Result<(), StoreError> {
+    tracing::error!(seq, fault, "a queued export is damaged in the database and fails");
+    let detail = format!("the record of the export in the database is damaged ({fault}): ask for it again");
+    let failure = Failure::new(FailureCode::InternalError, &detail);
+    query(
+        "update exports set state = 'failed', version = version + 1, finished_at = ?1, updated_at = ?1,
+             lease_expires_at = null, error = ?2
+         where seq = ?3",
+    )
+    .bind(now)
+    .bind(to_json(&failure)?)
+    .bind(seq)
+    .execute(tx)
+    .await?;
+    Ok(())
 }
 
 /// What a claim has found.
 enum Claim {
     None,
     Claimed(Box<ClaimedExport>),
-    /// An export of a job without a result, which has ended.
-    Ended(ExportId),
+    /// An export of a job without a result, or one whose row cannot be read, which has ended; the ID where it is known.
+    Ended(Option<ExportId>),
 }
