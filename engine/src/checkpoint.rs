@@ -6,7 +6,7 @@
 //! Writers and readers are handed in: the caller decides when, where and under which name checkpoints are kept.
 //!
 //! Layout, all little-endian: magic `PACKSTCK`, `u32` revision of this layout, the engine's version and the request
-//! (each as `u64` length and bytes, the request as its JSON), the body in frames of `u32` length and bytes, of which
+//! (each as `u64` length and bytes, the request as its JSON without materials), the body in frames of `u32` length and bytes, of which
 //! one of length 0 is the last, and the CRC-32 of all that came before.
 
 use std::io::{self, Read, Write};
@@ -56,7 +56,7 @@ impl<'a> Checkpoint<'a> {
         let mut out = Summed::new(out);
         let mut head = Vec::from(MAGIC);
         head.extend(REVISION.to_le_bytes());
-        for part in [VERSION.as_bytes(), &serde_json::to_vec(self.request)?] {
+        for part in [VERSION.as_bytes(), &serde_json::to_vec(&self.request.without_materials())?] {
             head.extend((part.len() as u64).to_le_bytes());
             head.extend(part);
         }
@@ -138,19 +138,20 @@ pub struct Resume {
 }
 
 impl Resume {
-    /// Reads a checkpoint of `request`.
+    /// Reads a checkpoint of `request`, or of one with other materials.
     ///
     /// # Errors
     /// When it is not whole, or not this engine's on this request.
     pub fn read_from(input: &mut dyn Read, request: &PackingRequest) -> Result<Self, CheckpointError> {
         let stored = Stored::read(input)?;
-        if stored.request != serde_json::to_vec(request).map_err(io::Error::from)? {
+        if stored.request != serde_json::to_vec(&request.without_materials()).map_err(io::Error::from)? {
             return Err(CheckpointError::OtherRequest);
         }
         Ok(Self { body: stored.body })
     }
 
-    /// Reads a checkpoint of `request` or of one that has other limits: `method.stop` and `on_limit` may differ.
+    /// Reads a checkpoint of `request` or of one that has other limits: `method.stop`, `on_limit` and the
+    /// materials may differ.
     ///
     /// # Errors
     /// As [`Self::read_from`].

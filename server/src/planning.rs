@@ -91,8 +91,9 @@ fn plan_key(request: &PackingRequest, limits: &Limits, proposal: Proposal) -> Op
     if !request.mix.has_shapes() {
         return None;
     }
-    // Limits are obeyed whatever becomes of a run that meets one.
-    let PackingRequest { seed: _, specimen, mix, distance, method, segregation, on_limit: _ } = request;
+    // Limits are obeyed whatever becomes of a run that meets one, and materials are for models of the packing.
+    let PackingRequest { seed: _, specimen, mix, distance, method, segregation, on_limit: _, materials: _ } =
+        request;
     key(&(specimen, mix, distance, method, segregation), &format!("{limits:?} {proposal:?}"))
 }
 

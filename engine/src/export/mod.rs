@@ -40,7 +40,7 @@ use crate as engine;
 use crate::control::Control;
 use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;
-use crate::request::{Distance, FieldError, Specimen};
+use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
@@ -59,13 +59,15 @@ pub struct Model<'a> {
     pub distance: Distance,
     /// Where it comes from; VTK files state it.
     pub provenance: Option<&'a Provenance>,
+    /// The materials that the request of the packing states.
+    pub materials: Option<&'a Materials>,
 }
 
 impl<'a> Model<'a> {
     /// A packing of unknown provenance, whose grains do not overlap.
     pub fn new(specimen: &'a Specimen, grains: impl Into<GrainsRef<'a>>) -> Self {
         let distance = Distance::None { wall_gap_mm: None };
-        Self { specimen, grains: grains.into(), distance, provenance: None }
+        Self { specimen, grains: grains.into(), distance, provenance: None, materials: None }
     }
 
     /// The same packing, with the rule of distance that it keeps.
@@ -78,6 +80,12 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn with_provenance(self, provenance: &'a Provenance) -> Self {
         Self { provenance: Some(provenance), ..self }
+    }
+
+    /// The same packing, with the materials that its request states.
+    #[must_use]
+    pub fn with_materials(self, materials: Option<&'a Materials>) -> Self {
+        Self { materials, ..self }
     }
 }
 

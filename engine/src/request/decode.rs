@@ -106,29 +106,37 @@ pub struct Bound {
     min: f64,
     min_open: bool,
     max: f64,
+    max_open: bool,
     unit: &'static str,
 }
 
 impl Bound {
     /// `0 < x <= max`.
     pub const fn positive(max: f64, unit: &'static str) -> Self {
-        Self { min: 0.0, min_open: true, max, unit }
+        Self { min: 0.0, min_open: true, max, max_open: false, unit }
+    }
+
+    /// `min < x < max`.
+    pub const fn open(min: f64, max: f64, unit: &'static str) -> Self {
+        Self { min, min_open: true, max, max_open: true, unit }
     }
 
     /// `min <= x <= max`.
     pub const fn closed(min: f64, max: f64, unit: &'static str) -> Self {
-        Self { min, min_open: false, max, unit }
+        Self { min, min_open: false, max, max_open: false, unit }
     }
 
     /// Whether `x` lies inside; NaN does not.
     pub fn contains(&self, x: f64) -> bool {
-        (if self.min_open { x > self.min } else { x >= self.min }) && x <= self.max
+        (if self.min_open { x > self.min } else { x >= self.min })
+            && (if self.max_open { x < self.max } else { x <= self.max })
     }
 
     fn describe(&self) -> String {
         let low = if self.min_open { "greater than" } else { "at least" };
+        let high = if self.max_open { "less than" } else { "at most" };
         let unit = if self.unit.is_empty() { String::new() } else { format!(" {}", self.unit) };
-        format!("must be {low} {} and at most {}{unit}", figure(self.min), self.max)
+        format!("must be {low} {} and {high} {}{unit}", figure(self.min), self.max)
     }
 }
 

@@ -9,6 +9,7 @@ mod axis;
 pub mod decode;
 pub mod edmd;
 mod grading;
+pub mod materials;
 mod mix;
 pub mod monte_carlo;
 pub mod presets;
@@ -27,6 +28,7 @@ pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
+pub use materials::{Material, Materials};
 pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
@@ -82,11 +84,21 @@ pub struct PackingRequest {
     #[cfg_attr(feature = "openapi", schema(default = "fail", required = false))]
     #[serde(skip_serializing_if = "OnLimit::is_fail")]
     pub on_limit: OnLimit,
+    /// The materials of the phases, for models and properties of the packing; the packing does not depend on them.
+    #[cfg_attr(feature = "openapi", schema(required = false, value_type = Materials))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub materials: Option<Materials>,
 }
 
 impl PackingRequest {
-    /// The request without what bounds its run: the limits of its method, and what becomes of a run that meets one. A
-    /// run goes on with other limits where it was.
+    /// The request without what its packing does not depend on: the materials.
+    #[must_use]
+    pub fn without_materials(&self) -> Self {
+        Self { materials: None, ..self.clone() }
+    }
+
+    /// The request without what bounds its run: the limits of its method, and what becomes of a run that meets one; and
+    /// without the materials. A run goes on with others of these where it was.
     #[must_use]
     pub fn without_limits(&self) -> Self {
         let method = match self.method {
@@ -96,7 +108,7 @@ impl PackingRequest {
             Method::MonteCarlo { .. } => Method::MonteCarlo { stop: MonteCarloStop::default() },
             other @ (Method::Auto {} | Method::Rsa { .. }) => other,
         };
-        Self { method, on_limit: OnLimit::Fail, ..self.clone() }
+        Self { method, on_limit: OnLimit::Fail, materials: None, ..self.clone() }
     }
 }
 

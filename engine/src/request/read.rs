@@ -9,7 +9,7 @@ use super::mix::read_mix;
 use super::monte_carlo;
 use super::segregation::read_segregation;
 use super::{
-    Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Method, Mix, OnLimit, PackingRequest,
+    Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Materials, Method, Mix, OnLimit, PackingRequest,
     Segregation, Specimen,
 };
 
@@ -101,6 +101,8 @@ impl PackingRequest {
             Some(at) => at.choice(&[("fail", OnLimit::Fail), ("keep", OnLimit::Keep)]),
             None => Some(OnLimit::Fail),
         };
+        let aggregates = mix.as_ref().map(|mix| mix.aggregates.as_slice());
+        let materials = Materials::read_field(object, aggregates);
         if let (Some(at), Some(mix)) = (&mix_at, &mix) {
             judge_maximum(at, mix, distance.as_ref(), method.as_ref())?;
         }
@@ -140,6 +142,7 @@ impl PackingRequest {
             method: method?,
             segregation: segregation?,
             on_limit: on_limit?,
+            materials,
         })
     }
 }

@@ -11,7 +11,7 @@ use std::time::Duration;
 use packstone_engine::Limits;
 use packstone_engine::export::tables;
 use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
-use packstone_engine::request::Specimen;
+use packstone_engine::request::{Materials, Specimen};
 use tokio_util::sync::CancellationToken;
 
 use super::{ExportRecord, StoredFile, distance_kept};
@@ -112,10 +112,14 @@ impl TaskKind for Exports {
             ..Provenance::from(stored.head())
         };
         let distance = distance_kept(stored.head());
+        let materials = Materials::of_request(&stored.head().request);
         drop(stored);
         let max_model_bytes = self.here.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..self.here.limits };
-        let model = Model::new(&specimen, &grains).with_distance(distance).with_provenance(&provenance);
+        let model = Model::new(&specimen, &grains)
+            .with_distance(distance)
+            .with_provenance(&provenance)
+            .with_materials(materials.as_ref());
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }

@@ -9,7 +9,7 @@ use std::num::NonZeroUsize;
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
 use packstone_engine::request::decode::{At, Bound, Faults, Object};
-use packstone_engine::request::{Distance, Method, Mix, OnLimit, Segregation, Specimen};
+use packstone_engine::request::{Distance, Materials, Method, Mix, OnLimit, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
 use serde_json::Value;
@@ -103,6 +103,10 @@ pub(crate) struct JobRequest {
     #[cfg_attr(test, schema(default = "fail", required = false))]
     #[serde(skip_serializing_if = "OnLimit::is_fail")]
     pub(crate) on_limit: OnLimit,
+    /// The materials of the phases, for models and properties of the packing; the packing does not depend on them.
+    #[cfg_attr(test, schema(required = false, value_type = Materials))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) materials: Option<Materials>,
     /// What to make of the packing once it is there: one thing or a list of at most 8, each as in
     /// `POST /v1/jobs/{id}/exports`.
     #[cfg_attr(test, schema(required = false))]
@@ -171,6 +175,7 @@ impl JobRequest {
             method: self.method,
             segregation: self.segregation,
             on_limit: self.on_limit,
+            materials: self.materials.clone(),
         }
     }
 
@@ -384,6 +389,7 @@ fn read_fields(
         method: packing.method,
         segregation: packing.segregation,
         on_limit: packing.on_limit,
+        materials: packing.materials,
         postprocess: postprocess?,
     })
 }

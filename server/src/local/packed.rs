@@ -6,7 +6,6 @@ use std::path::Path;
 use packstone_engine::export::tables::stored::StoredBytes;
 use packstone_engine::export::tables::{self, EngineInfo, GrainSource as _, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
-use packstone_engine::request::Specimen;
 use packstone_engine::{Grains, Limits, Packing, Report};
 use serde_json::{Map, Value};
 
@@ -123,11 +122,12 @@ impl Packed {
         out: &mut dyn Write,
     ) -> Result<String, Ended> {
         let export = read_export(export, options)?;
-        let specimen = self.specimen()?;
+        let JobRequest { specimen, materials, .. } = self.request()?;
         let provenance = Provenance::from(&self.head);
         let model = Model::new(&specimen, &self.grains)
             .with_distance(distance_kept(&self.head))
-            .with_provenance(&provenance);
+            .with_provenance(&provenance)
+            .with_materials(materials.as_ref());
         to_json(&export.write(&model, &self.limits, run, out)?)
     }
 
@@ -181,8 +181,7 @@ impl Packed {
         Ok(Self { head: stored.into_head(), grains, limits })
     }
 
-    fn specimen(&self) -> Result<Specimen, Ended> {
-        let request = JobRequest::read(&self.head.request, 0, None).map_err(Failure::invalid)?;
-        Ok(request.specimen)
+    fn request(&self) -> Result<JobRequest, Ended> {
+        Ok(JobRequest::read(&self.head.request, 0, None).map_err(Failure::invalid)?)
     }
 }

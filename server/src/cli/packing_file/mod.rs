@@ -188,7 +188,9 @@ impl PackingFile {
 
     /// The packing as exports take it.
     pub(super) fn model(&self) -> Model<'_> {
-        let model = Model::new(&self.request.specimen, &self.grains).with_distance(self.request.distance);
+        let model = Model::new(&self.request.specimen, &self.grains)
+            .with_distance(self.request.distance)
+            .with_materials(self.request.materials.as_ref());
         Model { provenance: self.provenance.as_ref(), ..model }
     }
 }
@@ -202,8 +204,10 @@ fn conditions_of(job: &Value) -> Result<(PackingRequest, bool), String> {
     let grading = json!({"type": "monodisperse", "diameter_mm": 1});
     let mut stand_in =
         json!({"specimen": job["specimen"], "mix": {"grading": grading, "volume_fraction": 0.1}});
-    if !job["distance"].is_null() {
-        stand_in["distance"] = job["distance"].clone();
+    for field in ["distance", "materials"] {
+        if !job[field].is_null() {
+            stand_in[field] = job[field].clone();
+        }
     }
     let request = PackingRequest::from_json(&stand_in, 0).map_err(|faults| listed(&faults))?;
     Ok((request, false))

@@ -254,7 +254,8 @@ impl Files {
         let provenance = Provenance::from(&head);
         let model = Model::new(&request.specimen, &packing.grains)
             .with_distance(distance_kept(&head))
-            .with_provenance(&provenance);
+            .with_provenance(&provenance)
+            .with_materials(request.materials.as_ref());
         if let Some(file) = self.picture.as_ref().filter(|file| !kept.has(file)) {
             exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }

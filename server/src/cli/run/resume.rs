@@ -2,7 +2,8 @@
 //! record of a result that was not written as a whole, or a complete result.
 //!
 //! A partial result has its checkpoint and its record beside it. A run goes on from them where only the limits of the
-//! job differ (`method.stop`, `timeout_s`, `on_limit`), and replaces the files.
+//! job differ (`method.stop`, `timeout_s`, `on_limit`), and replaces the files. The materials may differ wherever a run
+//! goes on.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -10,6 +11,7 @@ use std::io::{self, BufReader, Read as _, Write};
 use std::path::{Path, PathBuf};
 
 use packstone_engine::export::tables::Format;
+use packstone_engine::request::materials;
 use packstone_engine::{CheckpointError, PackingRequest, Resume, checkpoint};
 use serde::Deserialize;
 use serde_json::Value;
@@ -146,7 +148,12 @@ impl Earlier {
         }
         let ours = serde_json::to_value(request)?;
         let of_limits = |request: &Value| {
-            if self.is_partial { without_limits(request.clone()) } else { request.clone() }
+            let mut job = request.clone();
+            if let Some(fields) = job.as_object_mut() {
+                // The packing does not depend on them.
+                fields.remove(materials::OPTION);
+            }
+            if self.is_partial { without_limits(job) } else { job }
         };
         if let Some(theirs) = self.record.as_ref().and_then(|record| record.request.as_ref())
             && resumes

@@ -385,8 +385,10 @@ impl WorkerPool<'_> {
         let control = Untimed(control);
         let mut names = Names::of(id);
         let provenance = Provenance::from(head);
-        let model =
-            Model::new(&job.specimen, grains).with_distance(distance_kept(head)).with_provenance(&provenance);
+        let model = Model::new(&job.specimen, grains)
+            .with_distance(distance_kept(head))
+            .with_provenance(&provenance)
+            .with_materials(job.materials.as_ref());
         for (_, export) in items {
             let file = folder.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;
