@@ -182,7 +182,7 @@ def check_geo(path, cut):
         edges = ["side", "z_min", "z_max"]
     expect(set(groups) == {"matrix", "aggregates", "itz", *edges}, path, sorted(groups))
 
-    areas, nodes = {}, {}
+    areas, nodes, least_gamma = {}, {}, 1.0
     for name, (dimension, tag) in groups.items():
         nodes[name] = set(gmsh.model.mesh.getNodesForPhysicalGroup(dimension, tag)[0])
         areas[name] = 0.0
@@ -191,6 +191,11 @@ def check_geo(path, cut):
                 measure = "volume"
                 expect(kind in (1, 2), path, kind)
                 areas[name] += sum(gmsh.model.mesh.getElementQualities(tags, measure))
+                if kind == 2:
+                    least_gamma = min(least_gamma, *gmsh.model.mesh.getElementQualities(tags, "gamma"))
+    # The edges of a periodic cut divide sections in parts of any width.
+    if "polyhedra" in path.parts[-2] and "periodic" not in path.parts[-2]:
+        expect(least_gamma > 0.05, path, least_gamma)
     # What both phases have in common is the interface, but for its ends on the outline.
     shared = nodes["matrix"] & nodes["aggregates"]
     expect(nodes["itz"] == shared, path, len(nodes["itz"]), len(shared))

@@ -46,7 +46,7 @@ pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 9;
+pub const REVISION: u32 = 10;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]

@@ -1,10 +1,12 @@
-//! Sections of rounded polyhedra with few corners, for meshes: straight parts as they are, arcs as chords.
+//! Sections of polyhedra with few corners and no short sides, for meshes: long straight parts as they are, arcs as
+//! chords.
 //!
-//! A section that is drawn has as many corners as it takes to look round. A mesh has edges of a twentieth of the
-//! circumference of the section, or of the largest element where that is shorter. Parts that are curved, or shorter
-//! than a third of such an edge, are divided evenly; one that is shorter than that as a whole becomes its middle. The
-//! polygon is then enlarged about its centroid to the area of the section, as far as a quarter of the gaps to other
-//! sections and half of those to the edges of the cut allow.
+//! A section that is drawn has as many corners as it takes to look round, and a plane cuts off corners of a polyhedron
+//! in sides of any length. A mesh has edges of a twentieth of the circumference of the section, or of the largest
+//! element where that is shorter. Parts that are curved, or shorter than a third of such an edge, are divided evenly;
+//! one that is shorter than that as a whole becomes its middle. The polygon is then enlarged about its centroid to the
+//! area of the section, as far as a quarter of the gaps to other sections and half of those to the edges of the cut
+//! allow. A section without such parts stays as it is.
 
 use std::collections::HashMap;
 
@@ -23,9 +25,10 @@ type Point = [f64; 2];
 /// A grain and the area of its section: images of one grain at opposite edges have the same.
 type Image = (usize, u64);
 
-/// The corners of each section of a rounded polyhedron about its centre; none of other sections.
+/// The corners of each section of a polyhedron with curved or short sides, about its centre; none of other sections.
 pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
-    let all: Vec<Option<&Polygon>> = cut.sections.iter().map(|section| rounded(&section.figure)).collect();
+    let all: Vec<Option<&Polygon>> =
+        cut.sections.iter().map(|section| uneven(&section.figure, longest_mm)).collect();
     if all.iter().all(Option::is_none) {
         return vec![None; all.len()];
     }
@@ -34,8 +37,7 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
     let mut made: Vec<Option<(Vec<Point>, Image)>> = Vec::with_capacity(all.len());
     for ((section, polygon), room) in cut.sections.iter().zip(all).zip(rooms) {
         made.push(polygon.map(|polygon| {
-            let edge_mm = longest_mm.min(circumference(&polygon.corners_mm) / SEGMENTS);
-            let corners = divided(polygon, edge_mm);
+            let corners = divided(polygon, edge_mm(polygon, longest_mm));
             let (area, outer) = (polygon.area_mm2(), section.figure.outer_mm());
             let wanted = (area / super::polygon::area(&corners)).sqrt();
             let factor = wanted.min(1.0 + room / outer);
@@ -53,11 +55,27 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
     made.into_iter().map(|made| made.map(enlarged)).collect()
 }
 
-fn rounded(figure: &Figure) -> Option<&Polygon> {
+/// The polygon of a section that has curved or short sides.
+fn uneven(figure: &Figure, longest_mm: f64) -> Option<&Polygon> {
     match figure {
-        Figure::Polygon(polygon) => Some(polygon).filter(|polygon| polygon.is_curved.contains(&true)),
+        Figure::Polygon(polygon) => {
+            let edge_mm = edge_mm(polygon, longest_mm);
+            (0..polygon.corners_mm.len()).any(|side| is_soft(polygon, side, edge_mm)).then_some(polygon)
+        }
         Figure::Circle { .. } | Figure::Ellipse(_) => None,
     }
+}
+
+/// Length of the edges of the mesh along a section.
+fn edge_mm(polygon: &Polygon, longest_mm: f64) -> f64 {
+    longest_mm.min(circumference(&polygon.corners_mm) / SEGMENTS)
+}
+
+/// Whether the side from that corner to the next is curved or short.
+fn is_soft(polygon: &Polygon, side: usize, edge_mm: f64) -> bool {
+    let (all, n) = (&polygon.corners_mm, polygon.corners_mm.len());
+    polygon.is_curved.get(side % n) == Some(&true)
+        || length(all[side % n], all[(side + 1) % n]) < SHORT * edge_mm
 }
 
 fn length(p: Point, q: Point) -> f64 {
@@ -73,7 +91,7 @@ fn divided(polygon: &Polygon, edge_mm: f64) -> Vec<Point> {
     let all = &polygon.corners_mm;
     let n = all.len();
     let at = |i: usize| all[i % n];
-    let is_soft = |i: usize| polygon.is_curved[i % n] || length(at(i), at(i + 1)) < SHORT * edge_mm;
+    let is_soft = |side: usize| is_soft(polygon, side, edge_mm);
     let Some(start) = (0..n).find(|&i| !is_soft(i)) else {
         // A closed curve.
         let parts = (circumference(all) / edge_mm).round().max(6.0) as usize;
@@ -219,6 +237,21 @@ mod tests {
             }
         }
         Polygon { corners_mm, is_curved }
+    }
+
+    #[test]
+    fn a_sharp_section_loses_its_short_sides_and_keeps_the_others() {
+        // A square with the edge 2, of which one corner is cut off.
+        let cut_off = |by: f64| Polygon {
+            corners_mm: vec![[1.0, -1.0], [1.0, 1.0 - by], [1.0 - by, 1.0], [-1.0, 1.0], [-1.0, -1.0]],
+            is_curved: Vec::new(),
+        };
+        let short = cut_off(0.05);
+        assert!(uneven(&Figure::Polygon(short.clone()), 1.0).is_some());
+        let corners = divided(&short, edge_mm(&short, 1.0));
+        assert_eq!(corners.len(), 4, "{corners:?}");
+        assert!(corners.contains(&[0.975, 0.975]) && corners.contains(&[-1.0, -1.0]), "{corners:?}");
+        assert!(uneven(&Figure::Polygon(cut_off(0.5)), 1.0).is_none());
     }
 
     #[test]

@@ -6,8 +6,7 @@
 //!
 //! Circles are curves of the kernel, which Gmsh divides evenly. It divides ellipses by their curvature, and the area
 //! of the polygon has no closed form then: an ellipse is written as the affine image of a regular polygon, whose area
-//! is that of the ellipse at a known factor. Polygons of sharp grains are written as they are, those of rounded ones
-//! with few corners (`coarse`).
+//! is that of the ellipse at a known factor. Polygons have few corners and no short sides (`coarse`).
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -158,7 +157,7 @@ fn surface(
     }
 }
 
-/// Corners of the sections of rounded polyhedra.
+/// Corners of the sections of polyhedra that have curved or short sides.
 fn coarse_corners(cut: &Cut) -> Vec<Option<Vec<[f64; 2]>>> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     super::coarse::corners(cut, (u1 - u0).max(v1 - v0) / ELEMENTS_PER_EDGE)
