@@ -78,6 +78,7 @@ mod study_command;
 mod submission;
 mod threads;
 mod users;
+mod voxel_readers;
 mod waiting;
 mod web_pages;
 mod webhooks;

@@ -32,9 +32,15 @@ def rfc3339(at: datetime | str | None) -> str | None:
     return at.astimezone().isoformat() if isinstance(at, datetime) else at
 
 
+def named(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns options under their names, where an underscore follows a word of Python: ``for_`` is the option `for`."""
+    return {name.removesuffix("_"): value for name, value in options.items()}
+
+
 def parameters(options: Mapping[str, Any]) -> dict[str, Any]:
     """Returns options of an export as parameters of a query: objects and lists as JSON."""
     nested = (Mapping, list, tuple)
+    options = named(options)
     return {name: encoded(value) if isinstance(value, nested) else value for name, value in options.items()}
 
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         method: Method | Mapping[str, Any]
         segregation: Segregation | Mapping[str, Any]
         on_limit: Literal["fail", "keep"]
+        materials: Mapping[str, Mapping[str, float]]
         postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
 
 

@@ -14,7 +14,7 @@ from .errors import error_of
 ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes", "quality"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
 MeshFormat = Literal["msh", "geo", "stl"]
-VoxelFormat = Literal["vti", "raw", "inp"]
+VoxelFormat = Literal["vti", "raw", "inp", "npy", "vtk", "zip"]
 SliceFormat = Literal["svg", "png", "json", "geo"]
 LdpmFormat = Literal["chrono", "tets", "facets", "cells"]
 CertificateFormat = Literal["csv", "json"]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
 from . import _files, _html
+from ._requests import named
 from .errors import PackstoneError
 from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX, ExportFormat, ExportType
 from .svg import Svg
@@ -236,7 +237,7 @@ class Packing:
         file, path = _file(format or Path(path).suffix.removeprefix(".").lower(), options), Path(path)
         self._source.save(file, path, timeout)
         if file.type is not None:
-            _files.write_companion(path, file.type, {"format": file.format, **options})
+            _files.write_companion(path, file.type, {"format": file.format, **file.options})
         return path
 
     def export(
@@ -251,11 +252,12 @@ class Packing:
         """Writes an export of any type and format to a file, and returns its figures, such as a number of triangles.
 
         The types are ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes`` and ``quality``.
-        The format is the first of the type's formats if it is not named, whatever the suffix. Beside a mesh for Gmsh its
+        The format is the first of the type's formats if it is not named, whatever the suffix. An option that is a word
+        of Python has an underscore behind it: ``export("voxels", "a.vti", for_="damask")``. Beside a mesh for Gmsh its
         script is written, as :meth:`save` does. A server does not keep the file: :meth:`Job.export` does. `timeout`
         limits the wait for a server, in s.
         """
-        given = options if format is None else {"format": format, **options}
+        given = named(options if format is None else {"format": format, **options})
         report = self._source.export(type, given, Path(path), timeout)
         _files.write_companion(Path(path), type, given)
         return report
@@ -348,4 +350,4 @@ def _file(format: str, options: Mapping[str, Any]) -> File:
     type = TYPE_OF_SUFFIX.get(format)
     if type is None and options:
         raise TypeError(f"the format {format!r} has no options: {', '.join(options)}")
-    return File(format, type, options)
+    return File(format, type, named(options))

@@ -40,6 +40,20 @@ def test_an_export_is_started_waited_for_and_saved(job: packstone.Job, tmp_path:
     assert "volume_fraction" in export._repr_html_()
 
 
+def test_voxels_are_written_for_a_program(job: packstone.Job, tmp_path: Path) -> None:
+    for packing in [job.result(), packstone.pack(mixes.quick())]:
+        report = packing.export("voxels", tmp_path / "a.npy", for_="automesh", cells=12)
+        labels = np.load(tmp_path / "a.npy")
+        assert labels.shape == tuple(report["shape"]) and labels.dtype == np.uint8
+        assert report["matrix_label"] == 1 and set(np.unique(labels)) == {1, 2}
+        materials = {"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}}
+        with pytest.raises(packstone.PackstoneError, match="aggregate"):
+            packing.export("voxels", tmp_path / "a.zip", for_="fans", cells=12, materials=materials)
+        materials["aggregate"] = {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2}
+        packing.export("voxels", tmp_path / "a.zip", for_="fans", cells=12, materials=materials)
+    assert job.export("voxels", for_="damask", cells=12).wait(60).format == "vti"
+
+
 def test_a_result_is_saved_as_an_export(job: packstone.Job, tmp_path: Path) -> None:
     result = job.result()
     saved = result.save(tmp_path / "a.vti", cells=10, fractions=True)

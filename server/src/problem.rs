@@ -341,6 +341,12 @@ impl Problem {
         if faults.is_empty() { self } else { self.with_errors(faults) }
     }
 
+    /// The same where the request is right by itself, but its parameters do not fit what it names.
+    pub(crate) fn of_unfit_parameters(self, called: impl Fn(&str) -> String) -> Self {
+        let status = self.status;
+        Self { status, ..self.of_parameters(called) }
+    }
+
     /// Tells more than the kind and the detail.
     pub(crate) fn with(mut self, tell: impl FnOnce(&mut Members)) -> Self {
         tell(&mut self.members);

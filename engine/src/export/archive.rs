@@ -90,12 +90,77 @@ impl<'a> Archive<'a> {
         Ok(())
     }
 
+    /// Adds a file that is written from its beginning to its end, and deflated on the thread that writes it.
+    ///
+    /// # Errors
+    /// [`ExportError::Write`], and those of `write`.
+    pub(super) fn stream<T>(
+        &mut self,
+        name: &str,
+        write: impl FnOnce(&mut dyn Write) -> Result<T, ExportError>,
+    ) -> Result<T, ExportError> {
+        let (mut entry, _) = self
+            .zip
+            .new_file(name)
+            .compression_method(CompressionMethod::DEFLATE)
+            .last_modified(UtcDateTime::from_unix(EPOCH_OF_ZIP_S))
+            .unix_permissions(0o644)
+            .start()
+            .map_err(failed)?;
+        let mut file = Streamed { out: &mut entry, piece: Piece::default(), sum: Hasher::new(), length: 0 };
+        let written = write(&mut file)?;
+        file.end_piece()?;
+        let (sum, length) = (file.sum, file.length);
+        entry.write_all(&END)?;
+        entry.finish(DataDescriptorOutput::new(sum.finalize(), length)).map_err(failed)?;
+        Ok(written)
+    }
+
     /// Writes the directory of the archive.
     ///
     /// # Errors
     /// [`ExportError::Write`].
     pub(super) fn finish(self) -> Result<(), ExportError> {
         self.zip.finish().map_err(failed)?;
+        Ok(())
+    }
+}
+
+/// A file that is deflated piece by piece while it is written.
+struct Streamed<'a, W> {
+    out: &'a mut W,
+    piece: Piece,
+    sum: Hasher,
+    length: u64,
+}
+
+impl<W: Write> Streamed<'_, W> {
+    fn end_piece(&mut self) -> io::Result<()> {
+        self.piece.deflate().map_err(|error| match error {
+            ExportError::Write(error) => error,
+            ExportError::OutOfMemory { .. } => io::ErrorKind::OutOfMemory.into(),
+            other => io::Error::other(other.to_string()),
+        })?;
+        self.out.write_all(&self.piece.deflated)?;
+        self.sum.update(&self.piece.content);
+        self.length += self.piece.content.len() as u64;
+        self.piece.content.clear();
+        Ok(())
+    }
+}
+
+impl<W: Write> Write for Streamed<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let taken = bytes.len().min(PIECE_BYTES - self.piece.content.len());
+        self.piece.content.extend_from_slice(&bytes[..taken]);
+        if self.piece.content.len() == PIECE_BYTES {
+            self.end_piece()?;
+        }
+        Ok(taken)
+    }
+
+    /// Nothing: pieces end where they are full.
+    fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
 }
@@ -185,6 +250,9 @@ mod tests {
     const FILES: [(&str, usize); 5] =
         [("digits", 40), ("equal", 9), ("noise", 13), ("nothing", 3), ("no pieces", 0)];
 
+    /// Parts of more than a piece of a file that is written from its beginning to its end.
+    const STREAMED: [usize; 24] = [0; 24];
+
     fn written(threads: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         let mut archive = Archive::new(&mut bytes, NonZeroUsize::new(threads).unwrap()).unwrap();
@@ -202,6 +270,11 @@ mod tests {
             archive.add(name, content).unwrap();
             assert_eq!(taken, (0..pieces).collect::<Vec<_>>());
         }
+        let stream = |out: &mut dyn Write| {
+            STREAMED.iter().try_for_each(|part| out.write_all(&piece(2, *part)))?;
+            Ok(STREAMED.len())
+        };
+        assert_eq!(archive.stream("streamed", stream).unwrap(), STREAMED.len());
         archive.finish().unwrap();
         bytes
     }
@@ -223,7 +296,11 @@ mod tests {
                 assert!(archive.by_name(name).unwrap().compressed_size() < expected.len() as u64 / 50);
             }
         }
-        assert_eq!(archive.len(), FILES.len());
+        let expected: Vec<u8> = STREAMED.iter().flat_map(|part| piece(2, *part)).collect();
+        let mut read = Vec::new();
+        archive.by_name("streamed").unwrap().read_to_end(&mut read).unwrap();
+        assert!(read == expected && read.len() > PIECE_BYTES);
+        assert_eq!(archive.len(), FILES.len() + 1);
     }
 
     #[test]

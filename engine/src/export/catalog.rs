@@ -61,7 +61,7 @@ impl ExportType {
     pub fn formats(self) -> &'static [&'static str] {
         match self {
             Self::Mesh => &["msh", "geo", "stl"],
-            Self::Voxels => &["vti", "raw", "inp"],
+            Self::Voxels => &["vti", "raw", "inp", "npy"],
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
@@ -177,6 +177,7 @@ struct Sizes {
     sum_mm: f64,
     least_mm: f64,
     kind: GrainKind,
+    interfaces: voxels::Interfaces,
 }
 
 impl ExportRequest {
@@ -221,8 +222,8 @@ impl ExportRequest {
         }
     }
 
-    /// Says how long the file of a packing will be, before it is made: exactly for voxels, within a factor of 1.5 for
-    /// surface meshes.
+    /// Says how long the file of a packing will be, before it is made: exactly for voxels (within some percent for
+    /// hexahedra), within a factor of 1.5 for surface meshes.
     ///
     /// # Errors
     /// [`ExportError::Unavailable`] where it cannot be made of such a specimen.
@@ -233,6 +234,11 @@ impl ExportRequest {
             sum_mm: diameters_mm().sum(),
             least_mm: diameters_mm().fold(f64::INFINITY, f64::min),
             kind: model.grains.kind(),
+            interfaces: voxels::Interfaces::of(
+                model.specimen,
+                diameters_mm().map(|d| (1.0, d)),
+                !model.grains.aggregate().is_empty(),
+            ),
         };
         match self {
             Self::Mesh(mesh) => {
@@ -262,6 +268,11 @@ impl ExportRequest {
             sum_mm: plan.classes.iter().map(|class| class.grains * mean(class)).sum(),
             least_mm: plan.classes.first().map_or(1.0, |class| class.d_min_mm),
             kind: request.mix.grain_kind(),
+            interfaces: voxels::Interfaces::of(
+                &request.specimen,
+                plan.classes.iter().map(|class| (class.grains, mean(class))),
+                !request.mix.aggregates.is_empty(),
+            ),
         };
         Ok(self.estimate_of(&request.specimen, &grains))
     }
@@ -269,7 +280,7 @@ impl ExportRequest {
     fn estimate_of(&self, specimen: &Specimen, grains: &Sizes) -> ExportEstimate {
         let bytes = match self {
             Self::Mesh(_) => 0,
-            Self::Voxels(options) => voxels::expected_bytes(specimen, options),
+            Self::Voxels(options) => voxels::expected_bytes(specimen, options, &grains.interfaces),
             Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
@@ -395,7 +406,8 @@ impl ExportRequest {
         let extension = self.file_extension();
         let mut parts = match self {
             Self::Mesh(_) if extension == "zip" => vec![self.format().to_owned()],
-            Self::Mesh(_) | Self::Voxels(_) => Vec::new(),
+            Self::Mesh(_) => Vec::new(),
+            Self::Voxels(options) => options.reader.iter().map(|reader| reader.name().to_owned()).collect(),
             Self::Slice(_) => vec!["slice".to_owned()],
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
             Self::Certificates(_) => vec!["certificates".to_owned()],
@@ -409,7 +421,11 @@ impl ExportRequest {
 
     /// The options that differ from the defaults of the type and format, as parts of a name.
     fn chosen_options(&self) -> Vec<String> {
-        let default = Self::from_text(self.export_type(), [("format", self.format())]);
+        let of_format = match self {
+            Self::Voxels(options) => options.reader.map(|reader| ("for", reader.name())),
+            _ => None,
+        };
+        let default = Self::from_text(self.export_type(), [of_format.unwrap_or(("format", self.format()))]);
         let (Ok(Value::Object(own)), Ok(Ok(Value::Object(default)))) =
             (serde_json::to_value(self), default.map(serde_json::to_value))
         else {
@@ -427,6 +443,7 @@ impl ExportRequest {
             .filter(|(name, value)| default.get(*name) != Some(*value) && !follows(name, value))
             .map(|(name, value)| match (name.as_str(), value) {
                 ("label" | "axis", Value::String(text)) => text.clone(),
+                ("materials", _) => format!("{name}-{}", self.digits_of_materials()),
                 (_, Value::String(text)) => format!("{name}-{text}"),
                 _ => format!("{name}-{value}"),
             })

@@ -82,7 +82,7 @@ fn faults_of_options_are_all_told_each_at_its_place() {
 #[test]
 fn names_of_files_tell_every_option_apart() {
     type Case = (ExportType, &'static [(&'static str, &'static str)], &'static str);
-    let cases: [Case; 17] = [
+    let cases: [Case; 22] = [
         (ExportType::Mesh, &[], "msh"),
         (ExportType::Mesh, &[("segments", "24")], "segments-24.msh"),
         (ExportType::Mesh, &[("segments", "24"), ("max_segments", "30")], "segments-24.max_segments-30.msh"),
@@ -93,6 +93,11 @@ fn names_of_files_tell_every_option_apart() {
         (ExportType::Voxels, &[("label", "grain")], "grain.vti"),
         (ExportType::Voxels, &[("fractions", "true"), ("cells", "40")], "cells-40.fractions-true.vti"),
         (ExportType::Voxels, &[("format", "inp"), ("voxel_mm", "2")], "voxel_mm-2.0.inp"),
+        (ExportType::Voxels, &[("format", "npy"), ("label", "grain")], "grain.npy"),
+        (ExportType::Voxels, &[("for", "automesh")], "automesh.npy"),
+        (ExportType::Voxels, &[("for", "damask"), ("label", "aggregate")], "damask.aggregate.vti"),
+        (ExportType::Voxels, &[("for", "amitex"), ("cells", "40")], "amitex.cells-40.vtk"),
+        (ExportType::Voxels, &[("for", "fans"), ("cells", "40")], "fans.cells-40.zip"),
         (ExportType::Slice, &[], "slice.svg"),
         (ExportType::Slice, &[("axis", "x"), ("at_mm", "20")], "slice.x.at_mm-20.0.svg"),
         (ExportType::Slice, &[("format", "geo")], "slice.geo"),
@@ -164,6 +169,53 @@ fn files_are_as_long_as_estimated() {
             }
         }
     }
+}
+
+/// Of voxels nothing is unknown before they are made but the interface and the sets of hexahedra.
+#[test]
+fn voxels_are_as_long_as_estimated() {
+    let limits = Limits::default();
+    let part = |name: &str, d_min_mm: f64| {
+        json!({"name": name, "share": 0.5, "d_min_mm": d_min_mm,
+               "grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}})
+    };
+    let fine = json!({"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "volume_fraction": 0.5});
+    let two = json!({"aggregates": [part("a", 2.0), part("b", 3.0)], "volume_fraction": 0.4});
+    let cylinder = json!({"type": "cylinder", "diameter_mm": 25, "height_mm": 30});
+    for (specimen, mix) in [
+        (json!({"type": "box", "size_mm": [32, 30, 28.1]}), fine.clone()),
+        (json!({"type": "box", "size_mm": [32, 32, 32]}), two),
+        (cylinder, fine),
+    ] {
+        let request = PackingRequest::from_json(&json!({"specimen": specimen, "mix": mix}), 1).unwrap();
+        let plan = Plan::new(&request, &limits).unwrap();
+        let packing = crate::pack(&request, &limits, &crate::Unattended).unwrap();
+        let model = Model::new(&request.specimen, &packing.grains);
+        for (options, tolerance) in [
+            (vec![("format", "inp"), ("cells", "16")], 0.05),
+            (vec![("format", "inp"), ("cells", "50")], 0.05),
+            (vec![("format", "inp"), ("cells", "90")], 0.05),
+            (vec![("format", "npy"), ("cells", "50")], 1e-2),
+            (vec![("for", "damask"), ("cells", "50")], 1e-2),
+            (vec![("for", "amitex"), ("cells", "50")], 1e-2),
+            (vec![("cells", "50"), ("label", "grain")], 1e-2),
+        ] {
+            let export = ExportRequest::from_text(ExportType::Voxels, options.clone()).unwrap();
+            let mut bytes = Vec::new();
+            export.write(&model, &limits, &crate::Unattended, &mut bytes).unwrap();
+            let of_model = export.estimate(&model).unwrap().bytes as f64 / bytes.len() as f64;
+            let of_plan =
+                export.estimate_from_plan(&request, &plan).unwrap().bytes as f64 / bytes.len() as f64;
+            assert!((of_model - 1.0).abs() < tolerance, "{options:?} {specimen}: {of_model}");
+            assert!((of_plan - 1.0).abs() < 1.2 * tolerance, "{options:?} {specimen}: {of_plan}");
+        }
+    }
+    // One that is refused has an estimate too, and without looking at every one of its rows.
+    let request = job(1.0, 32.0);
+    let huge =
+        ExportRequest::from_text(ExportType::Voxels, [("format", "inp"), ("voxel_mm", "1e-6")]).unwrap();
+    let plan = Plan::new(&request, &limits).unwrap();
+    assert_eq!(huge.estimate_from_plan(&request, &plan).unwrap().bytes, u64::MAX);
 }
 
 /// A mesh above its limit is refused before it is made, and the message says how to get below.

@@ -8,7 +8,7 @@ use packstone_engine::Limits;
 use packstone_engine::export::ExportRequest;
 
 use super::exit::{Failure, cannot_be};
-use super::exports::{self, Output, PICTURE};
+use super::exports::{self, MaterialsFile, Output, PICTURE};
 use super::input::Input;
 use super::outputs::refuse_existing;
 use super::packing_file;
@@ -43,6 +43,8 @@ pub(super) struct Options {
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
     #[command(flatten)]
+    materials: MaterialsFile,
+    #[command(flatten)]
     input: Input,
 }
 
@@ -57,9 +59,10 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         &stop,
     )?;
     let limits = Limits { max_model_bytes: default_memory_bytes(1), export_threads, ..Limits::default() };
-    let outputs = Output::all(options.exports.iter().cloned(), &options.out);
+    let exports = options.materials.given_to(&options.exports, &options.input)?;
+    let outputs = Output::all(exports, &options.out);
     for output in &outputs {
-        output.check(packing.specimen(), &limits)?;
+        output.check(packing.request(), &limits)?;
     }
     let picture = options.picture.then(|| options.out.join(PICTURE));
     let files: Vec<PathBuf> = outputs.iter().flat_map(Output::files).chain(picture.clone()).collect();

@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use clap::Args;
 use packstone_engine::export::picture::{self, PictureOptions};
 use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
-use packstone_engine::request::Specimen;
+use packstone_engine::request::decode::{At, Faults};
+use packstone_engine::request::{Materials, materials};
 use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
 
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
+use super::input::Input;
 use super::outputs::{Names, beside};
 use crate::atomic_file::write_buffered;
 use crate::telemetry::say;
@@ -24,7 +27,8 @@ pub(super) const PICTURE: &str = "result.png";
 
 /// Reads `TYPE[:OPTION=VALUE,...]`, as `mesh` or `voxels:format=raw,cells=200`.
 ///
-/// A comma that no option follows belongs to the value before it.
+/// A comma that no option follows belongs to the value before it. The value of `materials` is JSON, or the name of a
+/// file of it.
 pub(super) fn parse(text: &str) -> Result<ExportRequest, String> {
     let (name, options) = text.split_once(':').unwrap_or((text, ""));
     let export = ExportType::from_name(name).ok_or_else(|| {
@@ -33,7 +37,9 @@ pub(super) fn parse(text: &str) -> Result<ExportRequest, String> {
     })?;
     let mut pairs: Vec<(String, String)> = Vec::new();
     for piece in options.split(',').filter(|piece| !piece.is_empty()) {
-        match (piece.split_once('='), pairs.last_mut()) {
+        // Within JSON an equals sign belongs to a name of the user's.
+        let option = piece.split_once('=').filter(|(name, _)| !name.contains(['"', '{', '[', ':']));
+        match (option, pairs.last_mut()) {
             (Some((name, value)), _) => pairs.push((name.trim().to_owned(), value.to_owned())),
             (None, Some((_, value))) => {
                 value.push(',');
@@ -42,8 +48,43 @@ pub(super) fn parse(text: &str) -> Result<ExportRequest, String> {
             (None, None) => return Err(format!("{piece:?} must be OPTION=VALUE")),
         }
     }
+    for (name, value) in &mut pairs {
+        if name == materials::OPTION && !value.trim_start().starts_with('{') {
+            let json = Input::default().json(Path::new(value)).map_err(|error| error.to_string())?;
+            *value = json.to_string();
+        }
+    }
     let pairs = pairs.iter().map(|(name, value)| (name.as_str(), value.as_str()));
     ExportRequest::from_text(export, pairs).map_err(|faults| listed(&faults))
+}
+
+/// Materials for exports, in a file.
+#[derive(Args)]
+pub(super) struct MaterialsFile {
+    /// Materials of the phases as JSON, for the exports that compute with materials and whose options name none; they
+    /// win over those of the job
+    #[arg(long, value_name = "FILE.json")]
+    materials: Option<PathBuf>,
+}
+
+impl MaterialsFile {
+    /// The exports with these materials, where they lack their own.
+    pub(super) fn given_to<'a>(
+        &self,
+        exports: impl IntoIterator<Item = &'a ExportRequest>,
+        input: &Input,
+    ) -> Result<Vec<ExportRequest>, Failure> {
+        let exports = exports.into_iter().cloned();
+        let Some(file) = &self.materials else { return Ok(exports.collect()) };
+        let document = input.json(file)?;
+        let faults = Faults::default();
+        let read = Materials::read(&At::root(&document, &faults)).filter(|_| faults.count() == 0);
+        let materials = read.ok_or_else(|| {
+            let faults = listed(&faults.into_vec());
+            Exit::BadInput.because(format_args!("{} is refused:\n  {faults}", file.display()))
+        })?;
+        Ok(exports.map(|export| export.with_materials(&materials)).collect())
+    }
 }
 
 /// An export with the file that it is written to.
@@ -74,15 +115,19 @@ impl Output {
     }
 
     /// Checks what can be checked before there are grains.
-    pub(super) fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
-        check(&self.export, specimen, limits)
+    pub(super) fn check(&self, request: &PackingRequest, limits: &Limits) -> Result<(), Failure> {
+        check(&self.export, request, limits)
     }
 }
 
 /// Checks what can be checked of an export before there are grains.
-pub(super) fn check(export: &ExportRequest, specimen: &Specimen, limits: &Limits) -> Result<(), Failure> {
+pub(super) fn check(
+    export: &ExportRequest,
+    request: &PackingRequest,
+    limits: &Limits,
+) -> Result<(), Failure> {
     let name = export.export_type().name();
-    export.check(specimen, limits).map_err(|error| {
+    export.check(&request.specimen, limits).and_then(|()| export.check_materials(request)).map_err(|error| {
         Exit::of_export(&error).because(format_args!("{name} is refused:\n  {}", explained(error)))
     })
 }
@@ -219,6 +264,21 @@ mod tests {
         assert_eq!(parse("voxels"), Ok(with(&[])));
         assert_eq!(parse("voxels:"), Ok(with(&[])));
         assert_eq!(parse("voxels:format=raw,cells=12"), Ok(with(&[("format", "raw"), ("cells", "12")])));
+        // What looks like an option within JSON is none.
+        let materials =
+            r#"{"matrix":{"youngs_modulus_gpa":25,"poissons_ratio":0.2},"a=b":{"youngs_modulus_gpa":0}}"#;
+        let read = ExportRequest::from_text(
+            ExportType::Voxels,
+            [("for", "fans"), ("materials", materials), ("cells", "9")],
+        );
+        assert_eq!(parse(&format!("voxels:for=fans,materials={materials},cells=9")), Ok(read.unwrap()));
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("materials.json");
+        std::fs::write(&file, materials).unwrap();
+        let of_file = parse(&format!("voxels:for=fans,materials={},cells=9", file.display()));
+        assert_eq!(of_file, parse(&format!("voxels:for=fans,cells=9,materials={materials}")));
+        let missing = parse("voxels:for=fans,materials=no-such-file.json").unwrap_err();
+        assert!(missing.contains("no-such-file.json"), "{missing}");
         for (text, says) in [
             ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality"),
             ("voxels:raw", "must be OPTION=VALUE"),

@@ -7,7 +7,7 @@ use packstone_engine::export::ExportRequest;
 use packstone_engine::{Limits, TemplateCache};
 
 use super::exit::Failure;
-use super::exports;
+use super::exports::{self, MaterialsFile};
 use super::input::Input;
 use super::run::{read_job, refused};
 use super::{print, run};
@@ -28,6 +28,8 @@ pub(super) struct Options {
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
     #[command(flatten)]
+    materials: MaterialsFile,
+    #[command(flatten)]
     input: Input,
 }
 
@@ -39,11 +41,11 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let packing = templates.attached(&packing);
     let plan = templates.plan(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
     run::warn(&plan.warnings);
-    let named: Vec<&ExportRequest> = job.exports().chain(&options.exports).collect();
+    let named = options.materials.given_to(job.exports().chain(&options.exports), &options.input)?;
     for export in &named {
-        exports::check(export, &job.specimen, &limits)?;
+        exports::check(export, &packing, &limits)?;
     }
-    let planned = planned(named, &packing, &plan);
+    let planned = planned(&named, &packing, &plan);
     for PlannedExport { export, estimate } in &planned {
         exports::announce(&format!("{} {}", export.export_type().name(), export.format()), estimate);
     }

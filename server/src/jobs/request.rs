@@ -189,8 +189,15 @@ impl JobRequest {
     /// # Errors
     /// What is wrong with the first that cannot be made, at its place.
     pub(crate) fn check_postprocess(&self, limits: &Limits) -> Result<(), Failure> {
-        for (place, export) in self.postprocess.items() {
-            export.check(&self.specimen, limits).map_err(|error| Failure::from(error).below(&place))?;
+        let items = self.postprocess.items();
+        if items.is_empty() {
+            return Ok(());
+        }
+        let packing = self.packing();
+        for (place, export) in items {
+            let checked =
+                export.check(&self.specimen, limits).and_then(|()| export.check_materials(&packing));
+            checked.map_err(|error| Failure::from(error).below(&place))?;
         }
         Ok(())
     }

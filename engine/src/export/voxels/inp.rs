@@ -11,12 +11,14 @@ use std::io::{self, Write};
 
 use super::pass::{Found, Text, Work, count_of};
 use super::rows::RowPieces;
-use super::{Label, VoxelGrid};
-use crate::arrays;
+use super::{Label, MAX_CELLS, VoxelGrid};
+use crate::arrays::{self, Each as _};
+use crate::elementary;
 use crate::export::ExportError;
 use crate::export::digits::{push_exact, push_whole};
 use crate::export::groups::AggregateGroups;
 use crate::memory::reserved;
+use crate::request::Specimen;
 
 /// Voxels of a piece of text, where a row has not more: about a megabyte of elements.
 const VOXELS_PER_PIECE: usize = 1 << 12;
@@ -42,6 +44,63 @@ const FACES: [(&str, &str, [i64; 3]); 6] = [
     ("z_max", "S2", [0, 0, 1]),
 ];
 
+/// What of the grains the length of the file depends on.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::export) struct Interfaces {
+    /// Volume of the grains over that of the specimen.
+    pub(in crate::export) fraction: f64,
+    /// Surface of the grains over the volume of the specimen, in 1/mm.
+    pub(in crate::export) surface_per_mm: f64,
+    /// Whether there are several aggregates, each of which has a set.
+    pub(in crate::export) has_sets: bool,
+}
+
+impl Interfaces {
+    /// Those of the longest file that is likely: fine grains and several aggregates.
+    pub(super) const MOST: Self = Self { fraction: 0.5, surface_per_mm: f64::INFINITY, has_sets: true };
+
+    /// Those of numbers of grains with their diameters in mm, as spheres.
+    pub(in crate::export) fn of(
+        specimen: &Specimen,
+        grains: impl Iterator<Item = (f64, f64)>,
+        has_sets: bool,
+    ) -> Self {
+        let volume_mm3 = specimen.volume_mm3();
+        let (mut fraction, mut surface_per_mm) = (0.0, 0.0);
+        for (number, d_mm) in grains {
+            let surface = number * std::f64::consts::PI * d_mm * d_mm / volume_mm3;
+            surface_per_mm += surface;
+            fraction += surface * d_mm / 6.0;
+        }
+        Self { fraction: fraction.min(1.0), surface_per_mm, has_sets }
+    }
+
+    /// Faces between a voxel of aggregate and one of matrix, for each voxel.
+    ///
+    /// Two points at the distance r lie in different phases with the probability 2 f (1 - f) (1 - exp(-r/l)), where
+    /// l = 4 f (1 - f) / s, by the model of Debye, Anderson and Brumberger (1957, 10.1063/1.1722830), which is right
+    /// for surfaces s that are flat at that distance and for unrelated points alike. A voxel has three neighbours that
+    /// were not counted before.
+    fn faces_per_voxel(&self, voxel_mm: f64) -> f64 {
+        let apart = 2.0 * self.fraction * (1.0 - self.fraction);
+        if apart <= 0.0 {
+            return 0.0;
+        }
+        3.0 * apart * (1.0 - elementary::exp(-voxel_mm * self.surface_per_mm / (2.0 * apart)))
+    }
+}
+
+/// Digits of all numbers from 1 to `last`.
+fn digits_up_to(last: u64) -> u64 {
+    let (mut sum, mut first, mut digits) = (0_u64, 1_u64, 1_u64);
+    while first <= last {
+        let end = first.saturating_mul(10).min(last.saturating_add(1));
+        sum = sum.saturating_add((end - first).saturating_mul(digits));
+        (first, digits) = (first.saturating_mul(10), digits + 1);
+    }
+    sum
+}
+
 /// Digits of the largest number of a node; elements are fewer.
 fn digits(grid: &VoxelGrid) -> u64 {
     let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
@@ -51,14 +110,38 @@ fn digits(grid: &VoxelGrid) -> u64 {
 /// Bytes of a coordinate at most, with what stands before it.
 const COORDINATE_BYTES: u64 = 21;
 
-/// Bytes of the file at most.
-pub(super) fn most_bytes(grid: &VoxelGrid) -> u64 {
-    let nodes: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
-    let digits = digits(grid);
-    // A node: its number and three coordinates. An element: nine numbers, and in a packing
-    // of many small grains one or two faces of the interface; perhaps its number in the set of its aggregate.
-    let (node, element) = (digits + 1 + 3 * COORDINATE_BYTES, 10 * (digits + 1) + 2 * (digits + 4));
-    nodes.saturating_mul(node).saturating_add(grid.voxels().saturating_mul(element))
+/// Bytes of the file, but for the heads of its sections: exact but for the interface and the sets of aggregates.
+pub(super) fn bytes(grid: &VoxelGrid, grains: &Interfaces) -> u64 {
+    if grid.shape.iter().any(|n| *n > MAX_CELLS as usize) {
+        // It is refused; this is the order of its size.
+        return grid.voxels().saturating_mul(100);
+    }
+    let [nx, ny, nz] = grid.shape.each(|n| n as f64);
+    let all: u64 = grid.shape.iter().fold(1, |product, n| product.saturating_mul(*n as u64 + 1));
+    let (nodes, voxels) = (all as f64, grid.voxels() as f64);
+    // Without what is outside of a cylinder; the numbers are those of the whole grid.
+    let inside = grid.inside_per_layer() as f64 / (nx * ny);
+    let of_node = digits_up_to(all) as f64 / nodes;
+    let of_element = digits_up_to(grid.voxels()) as f64 / voxels;
+    // A comma stands before each coordinate.
+    let of_place: f64 = (0..3)
+        .map(|axis| {
+            let count = grid.shape[axis] + 1;
+            let mut text = Vec::new();
+            (0..count).for_each(|i| push_exact(&mut text, grid.corner(axis, i)));
+            1.0 + text.len() as f64 / count as f64
+        })
+        .sum();
+    let lines_of_nodes = nodes * (of_node + of_place + 1.0);
+    let lines_of_elements = voxels * (of_element + 8.0 * (of_node + 1.0) + 1.0);
+    let side = [nx * ny, ny * nz, nz * nx].into_iter().sum::<f64>() * 2.0;
+    let lines_of_faces = side * (of_node + 1.0 + of_element + 5.0);
+    let [dx, dy, dz] = grid.spacing_mm;
+    let faces = grains.faces_per_voxel((dx * dy * dz).cbrt());
+    // A set of elements and of a face has its numbers, a face's with `, S1`.
+    let sets = if grains.has_sets { grains.fraction * (of_element + 1.0) } else { 0.0 };
+    let lines_of_phases = voxels * (faces * (of_element + 5.0) + sets);
+    ((lines_of_nodes + lines_of_elements + lines_of_phases) * inside + lines_of_faces) as u64
 }
 
 const MATRIX: u8 = 0;

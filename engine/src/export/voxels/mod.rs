@@ -5,11 +5,14 @@
 //! not depend on the threads, and a grid of any size takes the memory of a few pieces; hexahedra keep a byte of each
 //! voxel. The module knows grains and their specimen; it must never know how they were packed.
 
+mod base64;
 mod grid;
 mod inp;
 mod layers;
+mod numbers;
 mod options;
 mod pass;
+mod readers;
 mod rows;
 mod share;
 mod vti;
@@ -20,17 +23,19 @@ use serde::{Deserialize, Serialize};
 
 pub use grid::VoxelGrid;
 pub use options::{
-    DEFAULT_CELLS, DEFAULT_SAMPLES, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, VoxelFormat,
-    VoxelOptions,
+    DEFAULT_CELLS, DEFAULT_SAMPLES, Label, MAX_CELLS, MAX_HEXAHEDRA, MAX_SAMPLES, MAX_VOXELS, Reader,
+    VoxelFormat, VoxelOptions,
 };
 
+pub(super) use self::inp::Interfaces;
 use self::layers::Bodies;
+use self::numbers::Numbers;
 use self::pass::{LayerSteps, Work};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::solids::Sectioned;
-use crate::export::{ExportError, Model};
+use crate::export::{ExportError, Model, materials};
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -44,9 +49,13 @@ pub struct VoxelReport {
     pub spacing_mm: [f64; 3],
     /// Corner of the first voxel.
     pub origin_mm: [f64; 3],
-    /// Type of the labels in NumPy's notation: `|u1` or `<u4`; `null` for hexahedra, which have none.
+    /// Type of the labels in NumPy's notation: `|u1`, `<u4` or `<i8`; `null` for hexahedra, which have none.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub dtype: Option<String>,
+    /// Label of the matrix: 0, or 1 for programs that count from 1. That of all aggregate is the next one.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub matrix_label: u32,
     /// Label of the voxels outside of a cylinder; `null` where there are none or hexahedra, which leave them out.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub outside_label: Option<u32>,
@@ -85,14 +94,16 @@ pub struct AggregateVoxels {
 /// Judges options before there are grains.
 ///
 /// # Errors
-/// [`ExportError::TooLarge`] with what the grid would take.
+/// [`ExportError::TooLarge`] with what the grid would take, and [`ExportError::Unavailable`] where the program that the
+/// file is for cannot compute such a specimen.
 pub fn check(specimen: &Specimen, options: &VoxelOptions, limits: &Limits) -> Result<(), ExportError> {
+    options.check_specimen(specimen)?;
     options.check(&VoxelGrid::new(specimen, options), limits)
 }
 
 /// Length of the file of a grid.
-pub(super) fn expected_bytes(specimen: &Specimen, options: &VoxelOptions) -> u64 {
-    options.bytes(&VoxelGrid::new(specimen, options))
+pub(super) fn expected_bytes(specimen: &Specimen, options: &VoxelOptions, grains: &Interfaces) -> u64 {
+    options.bytes(&VoxelGrid::new(specimen, options), grains)
 }
 
 /// Makes the grid and writes it.
@@ -108,13 +119,14 @@ pub fn write(
 ) -> Result<VoxelReport, ExportError> {
     let solids = Sectioned::new(model.grains)?;
     let grid = VoxelGrid::new(model.specimen, options);
+    options.check_specimen(model.specimen)?;
     options.check(&grid, limits)?;
     let mut out = BufWriter::with_capacity(1 << 18, out);
     let groups = AggregateGroups::of(model);
     let layers = match options.format {
         VoxelFormat::Inp => inp::layers(&grid, &groups),
         VoxelFormat::Vti if options.fractions => 2 * grid.shape[2],
-        VoxelFormat::Vti | VoxelFormat::Raw => grid.shape[2],
+        _ => grid.shape[2],
     };
     let work = Work {
         bodies: Bodies::new(model, &solids, &grid)?,
@@ -125,34 +137,54 @@ pub fn write(
     };
     // Where the shares are written they are added up there.
     let sampled_mm3 = if options.fractions { None } else { Some(share::volume_mm3(&work, options.samples)?) };
-    let found = match options.format {
-        VoxelFormat::Inp => inp::write(&work, &mut out)?,
-        VoxelFormat::Vti => vti::write(&work, model.provenance, options, &mut out)?,
-        VoxelFormat::Raw => work.labels(options.label, &mut out)?,
+    let hexahedra = options.format == VoxelFormat::Inp;
+    let numbers = if hexahedra {
+        Numbers::plain(Label::Aggregate, &groups)
+    } else {
+        Numbers::new(options, &groups, model.grains.len())
+    };
+    let found = match (options.format, options.reader) {
+        (VoxelFormat::Inp, _) => inp::write(&work, &mut out)?,
+        (VoxelFormat::Vti, None) => vti::write(&work, model.provenance, options, &numbers, &mut out)?,
+        (VoxelFormat::Vti, Some(_)) => readers::write_damask(&work, &numbers, &mut out)?,
+        (VoxelFormat::Raw, _) => work.labels_by(&numbers, &mut out)?,
+        (VoxelFormat::Npy, _) => readers::write_npy(&work, &numbers, &mut out)?,
+        (VoxelFormat::Vtk, _) => readers::write_amitex(&work, &numbers, &mut out)?,
+        (VoxelFormat::Zip, _) => {
+            let materials = materials::of_model(options.materials.as_ref(), model)?;
+            let names = model.provenance.map_or(&[][..], |provenance| &provenance.aggregates);
+            // Without names they are told apart by their numbers alone.
+            let unnamed = vec![None; groups.all().count()];
+            let names = if names.is_empty() { &unnamed } else { names };
+            let phases = materials::phases(materials, names)?;
+            readers::write_fans(&work, &numbers, &phases, &mut out)?
+        }
     };
     out.flush().map_err(ExportError::Write)?;
     let volume_mm3 = model.specimen.volume_mm3();
     let sampled_mm3 = sampled_mm3.unwrap_or(found.sampled_mm3);
-    let hexahedra = options.format == VoxelFormat::Inp;
     let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
     Ok(VoxelReport {
         shape: grid.shape.each(|n| n as u64),
         spacing_mm: grid.spacing_mm,
         origin_mm: [0.0; 3],
-        dtype: (!hexahedra).then(|| options.label.dtype().into()),
-        outside_label: (cylinder && !hexahedra).then(|| options.label.outside()),
+        dtype: (!hexahedra).then(|| numbers.dtype().into()),
+        matrix_label: numbers.matrix,
+        outside_label: (cylinder && !hexahedra).then_some(numbers.outside),
         inside_voxels: found.inside,
         aggregate_voxels: found.aggregate,
         grains_without_voxel: found.grains_without_voxel,
         volume_fraction: share::exact_mm3(&solids) / volume_mm3,
         volume_fraction_labels: found.aggregate as f64 / found.inside as f64,
         volume_fraction_samples: sampled_mm3 / volume_mm3,
-        aggregates: found.by_aggregate(&groups),
+        aggregates: found.by_aggregate(&groups, &numbers),
     })
 }
 
 #[cfg(test)]
 mod polyhedron_tests;
+#[cfg(test)]
+mod readers_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -3,11 +3,13 @@
 use serde::ser::SerializeMap as _;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::{VoxelGrid, inp, vti};
+use super::inp::Interfaces;
+use super::{VoxelGrid, inp, readers, vti};
 use crate::export::ExportError;
 use crate::plan::Limits;
 use crate::request::decode::{Bound, Object};
-use crate::request::{FieldError, MAX_LENGTH_MM};
+use crate::request::materials::OPTION;
+use crate::request::{FieldError, MAX_LENGTH_MM, Materials, Specimen};
 
 /// Voxels along the longest edge, where nothing is asked for.
 pub const DEFAULT_CELLS: u32 = 100;
@@ -33,11 +35,17 @@ pub enum VoxelFormat {
     Raw,
     /// Abaqus keywords: nodes, hexahedra, sets and surfaces, to be included into a part.
     Inp,
+    /// The labels as an array of NumPy, indexed `[x, y, z]`, x fastest.
+    Npy,
+    /// VTK legacy format, by `for=amitex`.
+    Vtk,
+    /// An archive of the files that a program reads, by `for=fans`.
+    Zip,
 }
 
 impl VoxelFormat {
     /// All formats.
-    pub const ALL: [Self; 3] = [Self::Vti, Self::Raw, Self::Inp];
+    pub const ALL: [Self; 6] = [Self::Vti, Self::Raw, Self::Inp, Self::Npy, Self::Vtk, Self::Zip];
 
     /// Name of the format, and file extension.
     pub fn name(self) -> &'static str {
@@ -45,6 +53,9 @@ impl VoxelFormat {
             Self::Vti => "vti",
             Self::Raw => "raw",
             Self::Inp => "inp",
+            Self::Npy => "npy",
+            Self::Vtk => "vtk",
+            Self::Zip => "zip",
         }
     }
 
@@ -52,8 +63,49 @@ impl VoxelFormat {
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Vti => "application/vnd.vtk.imagedata+xml",
-            Self::Raw => "application/octet-stream",
+            Self::Raw | Self::Npy | Self::Vtk => "application/octet-stream",
             Self::Inp => "text/plain",
+            Self::Zip => "application/zip",
+        }
+    }
+}
+
+/// A program that reads the voxels as they are. It decides the format, names, types, units and numbers of the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = VoxelReader))]
+#[serde(rename_all = "lowercase")]
+pub enum Reader {
+    /// DAMASK, `vti`: cell data `material` of Int64 from 0, in binary encoding, lengths in m.
+    Damask,
+    /// AMITEX, `vtk`: `MaterialId` of bytes from 1, lengths in mm.
+    Amitex,
+    /// FANS, `zip`: its input as JSON, the array as `npy`, and a script in Python that makes the HDF5 file.
+    Fans,
+    /// automesh, `npy`: bytes, 0 outside, 1 matrix, aggregate from 2.
+    Automesh,
+}
+
+impl Reader {
+    /// All readers.
+    pub const ALL: [Self; 4] = [Self::Damask, Self::Amitex, Self::Fans, Self::Automesh];
+
+    /// Its name in options.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Damask => "damask",
+            Self::Amitex => "amitex",
+            Self::Fans => "fans",
+            Self::Automesh => "automesh",
+        }
+    }
+
+    /// The format that it reads.
+    pub fn format(self) -> VoxelFormat {
+        match self {
+            Self::Damask => VoxelFormat::Vti,
+            Self::Amitex => VoxelFormat::Vtk,
+            Self::Fans => VoxelFormat::Zip,
+            Self::Automesh => VoxelFormat::Npy,
         }
     }
 }
@@ -106,6 +158,9 @@ pub struct VoxelOptions {
     /// What the voxels are written as.
     #[cfg_attr(feature = "openapi", schema(default = "vti", required = false))]
     pub format: VoxelFormat,
+    /// The program that is to read the file. It decides `format`; `vtk` and `zip` are written for a program alone.
+    #[cfg_attr(feature = "openapi", schema(rename = "for", required = false))]
+    pub reader: Option<Reader>,
     /// Voxels along the longest edge of the specimen. Default: 100, unless `voxel_mm` is given.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1, maximum = 8192))]
     pub cells: Option<u32>,
@@ -115,7 +170,7 @@ pub struct VoxelOptions {
         schema(required = false, nullable, exclusive_minimum = 0, maximum = 1e6)
     )]
     pub voxel_mm: Option<f64>,
-    /// What a label says, for `vti` and `raw`.
+    /// What a label says, for `vti`, `raw`, `npy` and `vtk`; `grain` neither for `amitex` nor for `automesh`.
     #[cfg_attr(feature = "openapi", schema(default = "phase", required = false))]
     pub label: Label,
     /// Whether each voxel's share of aggregate is written too (float32), for `vti`.
@@ -125,6 +180,33 @@ pub struct VoxelOptions {
     /// each voxel, clipped exactly.
     #[cfg_attr(feature = "openapi", schema(default = 4, required = false, minimum = 1, maximum = 16))]
     pub samples: u32,
+    /// The materials of the phases for `for=fans`; those of the packing's request when absent.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub materials: Option<Materials>,
+}
+
+/// Whether labels are the user's choice.
+fn has_labels(format: VoxelFormat) -> bool {
+    !matches!(format, VoxelFormat::Inp | VoxelFormat::Zip)
+}
+
+/// Whether shares of aggregate can be written beside the labels.
+fn has_fractions(format: VoxelFormat, reader: Option<Reader>) -> bool {
+    format == VoxelFormat::Vti && reader.is_none()
+}
+
+/// What is wrong with a format for a reader, or for none.
+fn format_fault(format: VoxelFormat, reader: Option<Reader>) -> Option<String> {
+    let wanted = reader.map_or(format, Reader::format);
+    if wanted != format {
+        let reader = reader.map_or("", Reader::name);
+        return Some(format!("{reader} reads {}: must be that, or left out", wanted.name()));
+    }
+    let only = Reader::ALL.into_iter().find(|of| of.format() == format)?;
+    let needs = matches!(format, VoxelFormat::Vtk | VoxelFormat::Zip) && reader.is_none();
+    needs.then(|| {
+        format!("{} is written for a program: must have for={} beside it", format.name(), only.name())
+    })
 }
 
 /// The options that the format has, so that what is written reads back.
@@ -132,19 +214,25 @@ impl Serialize for VoxelOptions {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("format", &self.format)?;
+        if let Some(reader) = self.reader {
+            map.serialize_entry("for", &reader)?;
+        }
         if let Some(cells) = self.cells {
             map.serialize_entry("cells", &cells)?;
         }
         if let Some(voxel_mm) = self.voxel_mm {
             map.serialize_entry("voxel_mm", &voxel_mm)?;
         }
-        if self.format != VoxelFormat::Inp {
+        if has_labels(self.format) {
             map.serialize_entry("label", &self.label)?;
         }
-        if self.format == VoxelFormat::Vti {
+        if has_fractions(self.format, self.reader) {
             map.serialize_entry("fractions", &self.fractions)?;
         }
         map.serialize_entry("samples", &self.samples)?;
+        if let Some(materials) = &self.materials {
+            map.serialize_entry(OPTION, materials)?;
+        }
         map.end()
     }
 }
@@ -154,10 +242,22 @@ impl VoxelOptions {
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let format = match object.optional("format") {
-            Some(at) => at.choice(&VoxelFormat::ALL.map(|format| (format.name(), format)))?,
-            None => VoxelFormat::Vti,
+        let format_at = object.optional("format");
+        let format = match &format_at {
+            Some(at) => Some(at.choice(&VoxelFormat::ALL.map(|format| (format.name(), format)))?),
+            None => None,
         };
+        let has_readers =
+            format.is_none_or(|format| Reader::ALL.iter().any(|reader| reader.format() == format));
+        let reader = match has_readers.then(|| object.optional("for")).flatten() {
+            Some(at) => Some(at.choice(&Reader::ALL.map(|reader| (reader.name(), reader)))?),
+            None => None,
+        };
+        let format = format.unwrap_or_else(|| reader.map_or(VoxelFormat::Vti, Reader::format));
+        if let Some((at, fault)) = format_at.zip(format_fault(format, reader)) {
+            at.fault(fault);
+            return None;
+        }
         let cells = match object.optional("cells") {
             Some(at) => at.integer(1, MAX_CELLS.into()).map(|n| Some(n as u32)),
             None => Some(None),
@@ -171,15 +271,21 @@ impl VoxelOptions {
             None => Some(None),
         };
         // What means nothing for a format is unknown there.
-        let label = match (format != VoxelFormat::Inp).then(|| object.optional("label")).flatten() {
-            Some(at) => at.choice(&[
-                ("phase", Label::Phase),
-                ("grain", Label::Grain),
-                ("aggregate", Label::Aggregate),
-            ]),
+        let label = match has_labels(format).then(|| object.optional("label")).flatten() {
+            Some(at) => {
+                let mut choices =
+                    vec![("phase", Label::Phase), ("grain", Label::Grain), ("aggregate", Label::Aggregate)];
+                // The numbers of these are bytes.
+                let bytes = matches!(reader, Some(Reader::Amitex | Reader::Automesh));
+                choices.retain(|(_, label)| !bytes || *label != Label::Grain);
+                at.choice(&choices)
+            }
+            // Each phase has its own material.
+            None if reader == Some(Reader::Fans) => Some(Label::Aggregate),
             None => Some(Label::Phase),
         };
-        let fractions = match (format == VoxelFormat::Vti).then(|| object.optional("fractions")).flatten() {
+        let fractions = has_fractions(format, reader).then(|| object.optional("fractions")).flatten();
+        let fractions = match fractions {
             Some(at) => at.boolean(),
             None => Some(false),
         };
@@ -187,19 +293,39 @@ impl VoxelOptions {
             Some(at) => at.integer(1, MAX_SAMPLES.into()).map(|n| n as u32),
             None => Some(DEFAULT_SAMPLES),
         };
+        let materials = (reader == Some(Reader::Fans)).then(|| Materials::read_option(object)).flatten();
         let (mut cells, voxel_mm) = (cells?, voxel_mm?);
         if voxel_mm.is_none() {
             cells = cells.or(Some(DEFAULT_CELLS));
         }
-        Some(Self { format, cells, voxel_mm, label: label?, fractions: fractions?, samples: samples? })
+        let (label, fractions, samples) = (label?, fractions?, samples?);
+        Some(Self { format, reader, cells, voxel_mm, label, fractions, samples, materials })
     }
 
-    /// Length of the file, but for a head of a kilobyte; of `inp` the most it can be.
-    pub(super) fn bytes(&self, grid: &VoxelGrid) -> u64 {
-        match self.format {
-            VoxelFormat::Raw => grid.voxels() * self.label.bytes(),
-            VoxelFormat::Vti => grid.voxels() * vti::bytes_per_voxel(self),
-            VoxelFormat::Inp => inp::most_bytes(grid),
+    /// Whether what is written depends on materials.
+    pub(in crate::export) fn needs_materials(&self) -> bool {
+        self.reader == Some(Reader::Fans)
+    }
+
+    /// Refuses a specimen that the reader cannot compute.
+    pub(super) fn check_specimen(&self, specimen: &Specimen) -> Result<(), ExportError> {
+        if self.reader == Some(Reader::Fans) && matches!(specimen, Specimen::Cylinder { .. }) {
+            return Err(ExportError::Unavailable(
+                "FANS computes a periodic cell, and what is outside of a cylinder has no material: pack a box".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Length of the file, but for a head of a kilobyte; of `zip` the most it can be. `inp` depends on the grains.
+    pub(super) fn bytes(&self, grid: &VoxelGrid, grains: &Interfaces) -> u64 {
+        match (self.format, self.reader) {
+            (VoxelFormat::Vti, Some(_)) => readers::damask_bytes(grid.voxels()),
+            (VoxelFormat::Vti, None) => grid.voxels().saturating_mul(vti::bytes_per_voxel(self)),
+            (VoxelFormat::Inp, _) => inp::bytes(grid, grains),
+            (VoxelFormat::Raw | VoxelFormat::Npy | VoxelFormat::Vtk | VoxelFormat::Zip, _) => {
+                grid.voxels().saturating_mul(self.label.bytes())
+            }
         }
     }
 
@@ -216,7 +342,7 @@ impl VoxelOptions {
         }
         let voxels = grid.voxels();
         let most = if self.format == VoxelFormat::Inp { MAX_HEXAHEDRA } else { MAX_VOXELS };
-        let bytes = self.bytes(grid);
+        let bytes = self.bytes(grid, &Interfaces::MOST);
         let megabytes = |bytes: u64| bytes.div_ceil(1_000_000);
         if voxels > most {
             return refused(format!(

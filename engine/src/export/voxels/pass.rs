@@ -5,8 +5,10 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 
 use super::layers::{Bodies, Part, Sweep};
+use super::numbers::Numbers;
 use super::rows::RowPieces;
 use super::{AggregateVoxels, Label};
+use crate::arrays;
 use crate::control::Control;
 use crate::export::digits::SPARE_BYTES;
 use crate::export::groups::AggregateGroups;
@@ -42,10 +44,14 @@ pub(super) struct Found {
 
 impl Found {
     /// The voxels of each of several aggregates, where they were told apart.
-    pub(super) fn by_aggregate(&self, groups: &AggregateGroups<'_>) -> Vec<AggregateVoxels> {
-        let all = (1..).zip(groups.all()).zip(&self.of_aggregates);
-        let of = |((label, (name, grains)), voxels): ((u32, (&str, u64)), &u64)| AggregateVoxels {
-            label,
+    pub(super) fn by_aggregate(
+        &self,
+        groups: &AggregateGroups<'_>,
+        numbers: &Numbers,
+    ) -> Vec<AggregateVoxels> {
+        let all = numbers.of_aggregates.iter().zip(groups.all()).zip(&self.of_aggregates);
+        let of = |((label, (name, grains)), voxels): ((&u32, (&str, u64)), &u64)| AggregateVoxels {
+            label: *label,
             name: name.to_owned(),
             grains,
             voxels: *voxels,
@@ -101,27 +107,33 @@ struct Shared {
 impl Work<'_> {
     /// Writes the labels, x fastest, little-endian, and nothing else.
     pub(super) fn labels(&self, label: Label, out: &mut dyn Write) -> Result<Found, ExportError> {
-        match label {
-            // The label is known to fit: a packing has fewer grains than u32 can count.
-            Label::Grain => self.labels_as(out, |grain| (grain as u32 + 1).to_le_bytes(), [0xff; 4], 0),
-            Label::Phase => self.labels_as(out, |_| [1], [label.outside() as u8], 0),
-            Label::Aggregate => {
-                // A mix has at most 16 aggregates.
-                let encode = |grain: usize| [self.groups.of_grain(grain) as u8 + 1];
-                self.labels_as(out, encode, [label.outside() as u8], self.groups.all().count())
-            }
+        self.labels_by(&Numbers::plain(label, self.groups), out)
+    }
+
+    /// Writes the labels as the numbers that stand for them.
+    pub(super) fn labels_by(&self, numbers: &Numbers, out: &mut dyn Write) -> Result<Found, ExportError> {
+        match numbers.bytes {
+            1 => self.labels_as::<1>(numbers, out),
+            8 => self.labels_as::<8>(numbers, out),
+            _ => self.labels_as::<4>(numbers, out),
         }
     }
 
-    /// Writes labels, and counts those from 1 to `told_apart`.
+    /// Writes numbers of so many bytes, and counts those of the aggregates.
     fn labels_as<const BYTES: usize>(
         &self,
+        numbers: &Numbers,
         out: &mut dyn Write,
-        encode: impl Fn(usize) -> [u8; BYTES] + Sync,
-        outside: [u8; BYTES],
-        told_apart: usize,
     ) -> Result<Found, ExportError> {
-        let matrix = [0; BYTES];
+        let little_endian = |number: u32| -> [u8; BYTES] {
+            let bytes = u64::from(number).to_le_bytes();
+            arrays::from_fn(|i| bytes[i])
+        };
+        let encode = |grain: usize| little_endian(numbers.of_grain(grain, self.groups));
+        let (matrix, outside) = (little_endian(numbers.matrix), little_endian(numbers.outside));
+        // A mix has at most 16 aggregates, so that the lowest byte tells them apart. Numbers without grains are not
+        // counted: they may be those of another.
+        let told_apart = numbers.of_aggregates.len();
         let grid = self.bodies.grid;
         let [nx, _, nz] = grid.shape;
         let pieces = RowPieces::new(grid.shape, VOXELS_PER_PIECE);
@@ -143,8 +155,9 @@ impl Work<'_> {
                 grid.fill_outside(part.rows, labels, outside);
             }
             made.aggregate += count_of(&made.labels, |label| *label != matrix && *label != outside);
-            for (of_label, value) in made.of_labels.iter_mut().zip(1..) {
-                *of_label += count_of(&made.labels, |label| label[0] == value);
+            let all = made.of_labels.iter_mut().zip(&numbers.of_aggregates).zip(self.groups.all());
+            for ((of_label, value), _) in all.filter(|(_, (_, grains))| *grains > 0) {
+                *of_label += count_of(&made.labels, |label| label[0] == *value as u8);
             }
             Ok(())
         };

@@ -71,6 +71,10 @@ fn options() -> Vec<(VoxelFormat, Value)> {
         (VoxelFormat::Vti, json!({"cells": 1, "fractions": true})),
         (VoxelFormat::Inp, json!({"cells": 23})),
         (VoxelFormat::Inp, json!({"cells": 2})),
+        (VoxelFormat::Npy, json!({"label": "grain", "cells": 31})),
+        (VoxelFormat::Npy, json!({"for": "automesh", "label": "aggregate", "cells": 23})),
+        (VoxelFormat::Vti, json!({"for": "damask", "label": "grain", "cells": 31})),
+        (VoxelFormat::Vtk, json!({"for": "amitex", "cells": 23})),
     ]
 }
 
@@ -168,6 +172,12 @@ fn an_error_of_the_writer_ends_the_work_with_that_error() {
         (VoxelFormat::Raw, json!({"voxel_mm": 0.1, "samples": 1})),
         (VoxelFormat::Vti, json!({"voxel_mm": 0.1, "samples": 1, "fractions": true})),
         (VoxelFormat::Inp, json!({"cells": 60, "samples": 1})),
+        (VoxelFormat::Vti, json!({"for": "damask", "cells": 60, "samples": 1})),
+        (
+            VoxelFormat::Zip,
+            json!({"for": "fans", "voxel_mm": 0.1, "samples": 1, "materials": {
+                "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, "aggregate": {"youngs_modulus_gpa": 0}}}),
+        ),
     ] {
         let options = read(format, &options).unwrap();
         let mut all = Vec::new();

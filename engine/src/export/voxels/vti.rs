@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use super::numbers::Numbers;
 use super::pass::{Found, Work};
 use super::{Label, VoxelOptions};
 use crate::export::vtk_xml::{Sink, VtkXml};
@@ -16,6 +17,7 @@ pub(super) fn write(
     work: &Work<'_>,
     provenance: Option<&Provenance>,
     options: &VoxelOptions,
+    numbers: &Numbers,
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let grid = work.bodies.grid;
@@ -32,7 +34,7 @@ pub(super) fn write(
     let mut file = VtkXml::new("ImageData", &attributes, &[("Extent", extent)], provenance);
     file.section("CellData", Some("label"));
     let fill_labels = |sink: &mut Sink<'_>| {
-        found = work.labels(options.label, sink)?;
+        found = work.labels_by(numbers, sink)?;
         Ok(())
     };
     match options.label {

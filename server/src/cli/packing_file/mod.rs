@@ -182,6 +182,11 @@ impl PackingFile {
         self.rows.as_ref().map_or(grain, |rows| rows[grain])
     }
 
+    /// The conditions that it was checked by; without a job its mix is made up.
+    pub(super) fn request(&self) -> &PackingRequest {
+        &self.request
+    }
+
     pub(super) fn specimen(&self) -> &Specimen {
         &self.request.specimen
     }

@@ -14,7 +14,7 @@ use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, PlanError, Resume, TemplateCache};
 
 use super::exit::{Exit, Failure, cannot_be};
-use super::exports::{self, Output, PICTURE};
+use super::exports::{self, MaterialsFile, Output, PICTURE};
 use super::input::Input;
 use super::print_files;
 use crate::atomic_file::write_buffered;
@@ -42,6 +42,8 @@ pub(super) struct Options {
     /// `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     export: Vec<ExportRequest>,
+    #[command(flatten)]
+    materials: MaterialsFile,
     /// Plots of the result, as SVG
     #[arg(long, value_delimiter = ',', value_parser = plot_parser())]
     plot: Vec<JobPlot>,
@@ -109,9 +111,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let templates = TemplateCache::default();
     let plan = templates.plan(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
     warn(&plan.warnings);
-    let files = Files::of(options, &request);
+    let files = Files::of(options, &request)?;
     for output in &files.exports {
-        output.check(&request.specimen, &limits)?;
+        output.check(&packing_request, &limits)?;
     }
     for (kind, file) in &files.plots {
         job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;
@@ -200,12 +202,13 @@ struct Files {
 
 impl Files {
     /// Those that the options ask for, then those that the job asks for.
-    fn of(options: &Options, request: &JobRequest) -> Self {
-        let by_job = request.postprocess.items().into_iter().map(|(_, export)| export.clone());
+    fn of(options: &Options, request: &JobRequest) -> Result<Self, Failure> {
+        let exports =
+            options.materials.given_to(options.export.iter().chain(request.exports()), &options.input)?;
         let named = |name: String| options.out.join(name);
-        Self {
+        Ok(Self {
             grains: options.format.iter().map(|&f| (f, named(format!("result.{}", f.name())))).collect(),
-            exports: Output::all(options.export.iter().cloned().chain(by_job), &options.out),
+            exports: Output::all(exports, &options.out),
             plots: options
                 .plot
                 .iter()
@@ -213,7 +216,7 @@ impl Files {
                 .collect(),
             plot_titles: !options.no_plot_titles,
             picture: options.picture.then(|| named(PICTURE.into())),
-        }
+        })
     }
 
     fn all(&self) -> Vec<PathBuf> {

@@ -169,6 +169,9 @@ impl Target {
             export
                 .check(&packed.specimen, &shared.limits)
                 .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
+            export
+                .check_materials(&packed.packing())
+                .map_err(|error| Problem::from(error).of_unfit_parameters(str::to_owned))?;
             Ok::<_, Problem>(estimates::of_stored(&export, &packed, &shared.limits, &shared.planner))
         });
         // Without an estimate the export worker decides, which has the packing.
