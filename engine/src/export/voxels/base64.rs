@@ -3,6 +3,19 @@
 use std::io::{self, Write};
 
 const ALPHABET: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+/// The two digits of every twelve bits, half of a group.
+static PAIRS: [[u8; 2]; 1 << 12] = pairs();
+
+const fn pairs() -> [[u8; 2]; 1 << 12] {
+    let mut pairs = [[0; 2]; 1 << 12];
+    let mut bits = 0;
+    while bits < pairs.len() {
+        pairs[bits] = [ALPHABET[bits >> 6], ALPHABET[bits & 63]];
+        bits += 1;
+    }
+    pairs
+}
+
 /// Bytes that are encoded at a time, a multiple of three.
 const BLOCK_BYTES: usize = 3 << 14;
 
@@ -25,12 +38,22 @@ impl<'a> Base64<'a> {
 
     fn encode(&mut self) -> io::Result<()> {
         self.text.clear();
-        for group in self.bytes.chunks(3) {
-            let [a, b, c] = [0, 1, 2].map(|i| u32::from(group.get(i).copied().unwrap_or(0)));
-            let bits = (a << 16) | (b << 8) | c;
-            let digits = [18, 12, 6, 0].map(|shift| ALPHABET[((bits >> shift) & 63) as usize]);
-            self.text.extend_from_slice(&digits[..=group.len()]);
-            self.text.extend(std::iter::repeat_n(b'=', 3 - group.len()));
+        self.text.resize(self.bytes.len().div_ceil(3) * 4, b'=');
+        let groups = self.bytes.chunks_exact(3);
+        let rest = groups.remainder();
+        let mut digits = self.text.chunks_exact_mut(4);
+        for (group, digits) in groups.zip(&mut digits) {
+            let bits = (usize::from(group[0]) << 16) | (usize::from(group[1]) << 8) | usize::from(group[2]);
+            digits[..2].copy_from_slice(&PAIRS[bits >> 12]);
+            digits[2..].copy_from_slice(&PAIRS[bits & 0xfff]);
+        }
+        if let (Some(first), Some(digits)) = (rest.first(), digits.next()) {
+            let second = rest.get(1).copied().unwrap_or(0);
+            let bits = (usize::from(*first) << 16) | (usize::from(second) << 8);
+            digits[..2].copy_from_slice(&PAIRS[bits >> 12]);
+            if rest.len() == 2 {
+                digits[2] = PAIRS[bits & 0xfff][0];
+            }
         }
         self.bytes.clear();
         self.out.write_all(&self.text)

@@ -522,7 +522,11 @@ fn a_run_stops_when_it_is_told_to() {
         let only_by_reader = [("vtk", "amitex"), ("zip", "fans")];
         let of_reader =
             only_by_reader.iter().find(|(name, _)| *name == format.name()).map(|(_, reader)| reader);
-        let options = read(format, &json!({"cells": 20, "for": of_reader})).unwrap();
+        let mut options = json!({"cells": 20});
+        if let Some(reader) = of_reader {
+            options["for"] = json!(reader);
+        }
+        let options = read(format, &options).unwrap();
         let limits = Limits { export_threads: threads.try_into().unwrap(), ..Limits::default() };
         let mut out = Vec::new();
         let stopped = write(&model, &options, &limits, &control, &mut out);
