@@ -240,12 +240,13 @@ class Honest:
         job = job or self.one(lambda job: job.id and (job.state in ("cancelled", "failed") or job.damaged))
         if not job:
             return
-        damaged, before = job.damaged, job.done
+        damaged, before, unanswered = job.damaged, job.done, job.retried
         job.retried = True
         answer = self.client.ask("POST", f"/v1/jobs/{job.id}/retry")
         document = self.accepted(answer, {200, 409}, f"retry {job.id}")
         if answer is not None and answer.status == 409:
-            job.retried = False
+            # A retry before it, which went unanswered, may have started the job again.
+            job.retried = unanswered
         # With 503 or without an answer, the service may have retried it: it answers what it knows to have lasted.
         elif document is not None:
             job.cancelled = False
