@@ -236,7 +236,9 @@ impl Blobs for Files {
     }
 
     fn remove(&self, names: &[String]) -> io::Result<()> {
-        names.iter().try_for_each(|name| remove_file(&self.locate(name)))
+        names.iter().try_for_each(|name| remove_file(&self.locate(name)))?;
+        // A folder that was moved misses every file: their removal must not be forgotten.
+        self.check_identity()
     }
 
     fn remove_folder(&self, folder: &str) -> io::Result<()> {

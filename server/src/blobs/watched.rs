@@ -373,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_another_place_has_taken_is_not_published() {
+    fn a_file_that_another_place_has_taken_is_not_published_and_one_that_was_moved_is_not_removed() {
         let parent = tempfile::tempdir().unwrap();
         let (folder, away) = (parent.path().join("files"), parent.path().join("away"));
         std::fs::create_dir(&folder).unwrap();
@@ -389,6 +389,13 @@ mod tests {
             std::fs::remove_dir_all(&folder).unwrap();
             std::fs::rename(&away, &folder).unwrap();
             blobs.publish(blobs.stage(&name).unwrap(), &name, &|| false).unwrap();
+            std::fs::rename(&folder, &away).unwrap();
+            let error = blobs.remove(std::slice::from_ref(&name)).unwrap_err();
+            assert!(is_passing(&error), "{error}");
+            std::fs::rename(&away, &folder).unwrap();
+            blobs.fetch(&name).unwrap();
+            blobs.remove(std::slice::from_ref(&name)).unwrap();
+            assert_eq!(blobs.fetch(&name).unwrap_err().kind(), io::ErrorKind::NotFound);
         }
     }
 
