@@ -36,6 +36,7 @@ pub mod error;
 pub mod export;
 pub mod gap;
 pub mod geometry;
+pub mod homogenization;
 mod memory;
 pub mod methods;
 pub mod mix;

@@ -30,6 +30,7 @@ const LAYERS: [&str; 27] = [
     "plan",
     "check",
     "analysis",
+    "homogenization",
     "export",
     "template_cache",
     "run",
