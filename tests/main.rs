@@ -56,6 +56,7 @@ mod partial;
 mod planning;
 mod plots;
 mod postgres;
+mod properties;
 mod proxies;
 mod published_contract;
 mod python_readers;

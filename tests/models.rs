@@ -451,6 +451,9 @@ async fn capabilities_and_metrics_tell_of_models() {
     let capabilities = client.get("/v1/capabilities").send().await.expect(200).json();
     let exports = capabilities["exports"].as_array().unwrap();
     let (id, _) = packed(&client, 8).await;
+    let stone = json!({"youngs_modulus_gpa": 70, "poissons_ratio": 0.2});
+    let materials = json!({"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, "aggregate": stone});
+    let materials: String = materials.to_string().bytes().map(|byte| format!("%{byte:02X}")).collect();
     let mut seen = 0;
     for export in exports {
         let kind = export["type"].as_str().unwrap();
@@ -460,16 +463,21 @@ async fn capabilities_and_metrics_tell_of_models() {
             assert_eq!(options.is_empty(), ["shapes", "quality"].contains(&kind), "{kind} {format:#}");
             assert!(!options.contains(&json!("format")), "{kind} {format:#}");
             let name = format["name"].as_str().unwrap();
-            let fast = if kind == "voxels" { "&cells=8" } else { "" };
+            let fast = match kind {
+                "voxels" => "&cells=8".to_owned(),
+                // What needs materials.
+                "properties" => format!("&cells=8&materials={materials}"),
+                _ => String::new(),
+            };
             let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}{fast}");
             let reply = client.head(&path).send().await;
             assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
             seen += 1;
         }
     }
-    assert_eq!(seen, 19);
+    assert_eq!(seen, 21);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
-    let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 3";
+    let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 4";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");
     assert!(metrics.lines().any(|line| line == "packstone_exports{state=\"failed\"} 0"), "{metrics}");
     server.stop().await;

@@ -17,12 +17,21 @@ const OPTIONS = {
   volume_correction: { label: "Volume of the polyhedra", choices: ["scaled", "none"] },
   faces: { label: "Faces of polyhedra", choices: ["simplified", "exact"], hint: "exact keeps narrow faces" },
   max_bytes: { label: "Longest file", unit: "bytes", value: 500000000 },
-  cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given" },
+  cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given, 128 for properties" },
   voxel_mm: { label: "Edge of a voxel", unit: "mm", hint: "in place of a number" },
   for: { label: "For the program", choices: ["", "damask", "automesh"], hint: "damask reads vti, automesh npy" },
   label: { label: "Labels", choices: ["phase", "grain", "aggregate"] },
   fractions: { label: "With shares of aggregate", flag: true, value: 0 },
   samples: { label: "Lines per edge of a voxel", value: 4 },
+  kinds: {
+    label: "Properties",
+    choices: ["", "stiffness", "conductivity", "expansion", "stiffness,conductivity", "stiffness,expansion"],
+    hint: "what the materials allow when empty",
+  },
+  scheme: { label: "Scheme", choices: ["rotated", "hexahedra"] },
+  cut_voxels: { label: "Voxels that a surface cuts", choices: ["mixed", "labels"], hint: "labels with hexahedra" },
+  tolerance: { label: "Error of the solver", value: 0.0001 },
+  walls: { label: "A box with walls", choices: ["periodic", "mirrored"] },
   axis: { label: "Axis", choices: ["z", "x", "y"] },
   at_mm: { label: "Position", unit: "mm", hint: "the middle when empty" },
   pixels: { label: "Pixels along the longer edge", hint: "for png; 1000 when empty" },
@@ -47,6 +56,7 @@ export const TYPES = {
   certificates: "Proofs that close grains keep their gaps",
   shapes: "Shapes of the grains",
   quality: "Quality: is the packing random",
+  properties: "Stiffness, expansion and conductivity",
 };
 
 /** What a format is for. @type {Record<string, string>} */

@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{ExportError, Model};
-use super::{certificates, ldpm, mesh, quality, shapes, slice, voxels};
+use super::{certificates, ldpm, mesh, properties, quality, shapes, slice, voxels};
 use crate::analysis::quality::QualityReport;
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
-use crate::request::{FieldError, GrainKind, PackingRequest, Specimen};
+use crate::request::{FieldError, GrainKind, Materials, PackingRequest, Specimen};
 
 /// What can be made of a finished packing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -32,12 +32,22 @@ pub enum ExportType {
     Shapes,
     /// Whether the packing is random: contacts, bond order, walls and blocks by size.
     Quality,
+    /// Effective stiffness, thermal expansion and conductivity, with bounds.
+    Properties,
 }
 
 impl ExportType {
     /// All types, in the order of the documentation.
-    pub const ALL: [Self; 7] =
-        [Self::Mesh, Self::Voxels, Self::Slice, Self::Ldpm, Self::Certificates, Self::Shapes, Self::Quality];
+    pub const ALL: [Self; 8] = [
+        Self::Mesh,
+        Self::Voxels,
+        Self::Slice,
+        Self::Ldpm,
+        Self::Certificates,
+        Self::Shapes,
+        Self::Quality,
+        Self::Properties,
+    ];
 
     /// Its name in requests and addresses.
     pub fn name(self) -> &'static str {
@@ -49,6 +59,7 @@ impl ExportType {
             Self::Certificates => "certificates",
             Self::Shapes => "shapes",
             Self::Quality => "quality",
+            Self::Properties => "properties",
         }
     }
 
@@ -65,7 +76,7 @@ impl ExportType {
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
-            Self::Quality => &["json"],
+            Self::Quality | Self::Properties => &["json"],
         }
     }
 
@@ -98,6 +109,7 @@ impl ExportType {
             }
             Self::Shapes => shapes::ShapeTableOptions::read(object).map(ExportRequest::Shapes),
             Self::Quality => quality::QualityOptions::read(object).map(ExportRequest::Quality),
+            Self::Properties => properties::PropertyOptions::read(object).map(ExportRequest::Properties),
         }
     }
 }
@@ -121,6 +133,8 @@ pub enum ExportRequest {
     Shapes(shapes::ShapeTableOptions),
     /// Whether the packing is random.
     Quality(quality::QualityOptions),
+    /// Effective stiffness, thermal expansion and conductivity, with bounds.
+    Properties(properties::PropertyOptions),
 }
 
 /// The figures of an export, beside its file.
@@ -144,6 +158,8 @@ pub enum ExportReport {
     Shapes(shapes::ShapeTableReport),
     /// Whether the packing is random.
     Quality(QualityReport),
+    /// Effective stiffness, thermal expansion and conductivity, with bounds.
+    Properties(Box<properties::PropertyReport>),
 }
 
 impl ExportReport {
@@ -166,9 +182,23 @@ pub struct ExportEstimate {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub mesh: Option<mesh::MeshEstimate>,
+    /// Memory and time that properties take; absent for everything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub computation: Option<ComputationEstimate>,
     /// What is likely to go wrong, in words.
     #[serde(default)]
     pub warnings: Vec<String>,
+}
+
+/// What a computation is likely to take.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ComputationEstimate {
+    /// Memory at most, in bytes.
+    pub memory_bytes: u64,
+    /// CPU time in s, within a factor of three.
+    pub cpu_s: f64,
 }
 
 /// Number and sizes of grains, for estimates.
@@ -191,6 +221,7 @@ impl ExportRequest {
             Self::Certificates(_) => ExportType::Certificates,
             Self::Shapes(_) => ExportType::Shapes,
             Self::Quality(_) => ExportType::Quality,
+            Self::Properties(_) => ExportType::Properties,
         }
     }
 
@@ -204,6 +235,7 @@ impl ExportRequest {
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
             Self::Quality(options) => options.format.name(),
+            Self::Properties(options) => options.format.name(),
         }
     }
 
@@ -218,6 +250,7 @@ impl ExportRequest {
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
+            Self::Properties(options) => properties::check(specimen, options, limits),
             Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => Ok(()),
         }
     }
@@ -241,10 +274,13 @@ impl ExportRequest {
             ),
         };
         match self {
-            Self::Mesh(mesh) => {
-                mesh.estimate(model).map(|(bytes, mesh)| ExportEstimate { bytes, mesh, warnings: Vec::new() })
-            }
-            other => Ok(other.estimate_of(model.specimen, &grains)),
+            Self::Mesh(mesh) => mesh.estimate(model).map(|(bytes, mesh)| ExportEstimate {
+                bytes,
+                mesh,
+                computation: None,
+                warnings: Vec::new(),
+            }),
+            other => Ok(other.estimate_of(model.specimen, model.materials, &grains)),
         }
     }
 
@@ -260,7 +296,7 @@ impl ExportRequest {
     ) -> Result<ExportEstimate, ExportError> {
         if let Self::Mesh(mesh) = self {
             let (bytes, mesh, warnings) = mesh.estimate_from_plan(request, plan)?;
-            return Ok(ExportEstimate { bytes, mesh, warnings });
+            return Ok(ExportEstimate { bytes, mesh, computation: None, warnings });
         }
         let mean = |class: &ClassPlan| (class.d_min_mm * class.d_max_mm).sqrt();
         let grains = Sizes {
@@ -274,10 +310,24 @@ impl ExportRequest {
                 !request.mix.aggregates.is_empty(),
             ),
         };
-        Ok(self.estimate_of(&request.specimen, &grains))
+        Ok(self.estimate_of(&request.specimen, request.materials.as_ref(), &grains))
     }
 
-    fn estimate_of(&self, specimen: &Specimen, grains: &Sizes) -> ExportEstimate {
+    /// What properties take.
+    fn computation(&self, specimen: &Specimen, materials: Option<&Materials>) -> Option<ComputationEstimate> {
+        let Self::Properties(options) = self else { return None };
+        Some(ComputationEstimate {
+            memory_bytes: properties::memory_bytes(specimen, options, 1),
+            cpu_s: properties::cpu_s(specimen, materials, options),
+        })
+    }
+
+    fn estimate_of(
+        &self,
+        specimen: &Specimen,
+        materials: Option<&Materials>,
+        grains: &Sizes,
+    ) -> ExportEstimate {
         let bytes = match self {
             Self::Mesh(_) => 0,
             Self::Voxels(options) => voxels::expected_bytes(specimen, options, &grains.interfaces),
@@ -286,8 +336,14 @@ impl ExportRequest {
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
             Self::Shapes(_) => shapes::expected_bytes(grains.number),
             Self::Quality(_) => quality::expected_bytes(),
+            Self::Properties(_) => properties::expected_bytes(),
         };
-        ExportEstimate { bytes, mesh: None, warnings: Vec::new() }
+        ExportEstimate {
+            bytes,
+            mesh: None,
+            computation: self.computation(specimen, materials),
+            warnings: Vec::new(),
+        }
     }
 
     /// Writes the file.
@@ -316,6 +372,8 @@ impl ExportRequest {
             }
             Self::Shapes(options) => shapes::write(model, options, control, out).map(ExportReport::Shapes),
             Self::Quality(_) => quality::write(model, limits, control, out).map(ExportReport::Quality),
+            Self::Properties(options) => properties::write(model, options, limits, control, out)
+                .map(|report| ExportReport::Properties(Box::new(report))),
         }
     }
 
@@ -383,6 +441,7 @@ impl ExportRequest {
             Self::Certificates(options) => options.format.media_type(),
             Self::Shapes(options) => options.format.media_type(),
             Self::Quality(options) => options.format.media_type(),
+            Self::Properties(options) => options.format.media_type(),
         }
     }
 
@@ -396,6 +455,7 @@ impl ExportRequest {
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
             Self::Quality(options) => options.format.name(),
+            Self::Properties(options) => options.format.name(),
         }
     }
 
@@ -413,6 +473,7 @@ impl ExportRequest {
             Self::Certificates(_) => vec!["certificates".to_owned()],
             Self::Shapes(_) => vec!["shapes".to_owned()],
             Self::Quality(_) => vec!["quality".to_owned()],
+            Self::Properties(_) => vec!["properties".to_owned()],
         };
         parts.extend(self.chosen_options());
         parts.push(extension.to_owned());
@@ -444,7 +505,7 @@ impl ExportRequest {
             .map(|(name, value)| match (name.as_str(), value) {
                 ("label" | "axis", Value::String(text)) => text.clone(),
                 ("materials", _) => format!("{name}-{}", self.digits_of_materials()),
-                (_, Value::String(text)) => format!("{name}-{text}"),
+                (_, Value::String(text)) => format!("{name}-{}", text.replace(',', "-")),
                 _ => format!("{name}-{value}"),
             })
             .collect()

@@ -1,7 +1,7 @@
 //! The materials that an export computes with: those of its option `materials`, else those that the request of the
 //! packing states.
 
-use super::{ExportError, ExportRequest, Model};
+use super::{ExportError, ExportRequest, Model, properties};
 use crate::request::materials::{AGGREGATE, EXAMPLE, MATRIX, Material, OPTION};
 use crate::request::{FieldError, Materials, PackingRequest};
 
@@ -10,6 +10,7 @@ impl ExportRequest {
     fn needs_materials(&self) -> bool {
         match self {
             Self::Voxels(options) => options.needs_materials(),
+            Self::Properties(_) => true,
             _ => false,
         }
     }
@@ -18,6 +19,7 @@ impl ExportRequest {
     fn materials(&self) -> Option<&Materials> {
         match self {
             Self::Voxels(options) => options.materials.as_ref(),
+            Self::Properties(options) => options.materials.as_ref(),
             _ => None,
         }
     }
@@ -26,6 +28,7 @@ impl ExportRequest {
     fn materials_mut(&mut self) -> Option<&mut Option<Materials>> {
         match self {
             Self::Voxels(options) => Some(&mut options.materials),
+            Self::Properties(options) => Some(&mut options.materials),
             _ => None,
         }
     }
@@ -61,6 +64,7 @@ impl ExportRequest {
         let phases = phases(materials, &names)?;
         match self {
             Self::Voxels(_) => moduli_gpa(&phases).map(|_| ()),
+            Self::Properties(options) => properties::judge(&phases, options),
             _ => Ok(()),
         }
     }
@@ -101,7 +105,7 @@ fn chosen<'a, 'b>(
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Phase<'a> {
     /// `matrix`, `aggregate` or the name of an aggregate.
-    name: &'a str,
+    pub(super) name: &'a str,
     /// Its material.
     pub(super) material: &'a Material,
 }

@@ -14,6 +14,7 @@ pub mod mesh;
 mod npy;
 pub mod picture;
 mod pieces;
+pub mod properties;
 mod provenance;
 pub mod quality;
 mod rows;
@@ -44,7 +45,7 @@ use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
-pub use catalog::{ExportEstimate, ExportReport, ExportRequest, ExportType};
+pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::decode::{At, Bound, FieldError, Object};
 use super::{Aggregate, MAX_AGGREGATES};
@@ -28,7 +28,7 @@ const EXPANSION: Bound = Bound::closed(f64::MIN, f64::MAX, "1/K");
 const DIFFUSIVITY: Bound = Bound::closed(0.0, 1.0e6, "m2/s");
 
 /// An isotropic linear material. Each export says which of these it needs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Material {
     /// Young's modulus in GPa; 0 is a pore.

@@ -22,6 +22,8 @@ use crate::telemetry::say;
 
 /// The size of a file of this length is announced before the file is made.
 const LARGE_BYTES: u64 = 50_000_000;
+/// The memory and time of a computation that takes as many seconds are announced before it begins.
+const LONG_S: f64 = 10.0;
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
 
@@ -169,6 +171,10 @@ pub(super) fn announce(name: &str, estimate: &ExportEstimate) {
     for warning in &estimate.warnings {
         say(&format!("warning: {name}: {warning}"));
     }
+    if let Some(computation) = estimate.computation.filter(|computation| computation.cpu_s >= LONG_S) {
+        let (megabytes, seconds) = (computation.memory_bytes / 1_000_000, computation.cpu_s.round());
+        say(&format!("{name}: about {megabytes} MB of memory and {seconds} s of CPU time"));
+    }
     if estimate.bytes >= LARGE_BYTES {
         let triangles =
             estimate.mesh.map(|mesh| format!(", {} triangles", mesh.triangles)).unwrap_or_default();
@@ -280,7 +286,7 @@ mod tests {
         let missing = parse("voxels:for=fans,materials=no-such-file.json").unwrap_err();
         assert!(missing.contains("no-such-file.json"), "{missing}");
         for (text, says) in [
-            ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality"),
+            ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality, properties"),
             ("voxels:raw", "must be OPTION=VALUE"),
             ("voxels:cells=0", "/cells: 0 is out of range"),
             ("voxels:colour=red", "/colour: unknown option"),

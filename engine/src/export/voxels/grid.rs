@@ -23,9 +23,22 @@ pub struct VoxelGrid {
 impl VoxelGrid {
     /// Voxels as near to cubes as whole numbers of them allow.
     pub fn new(specimen: &Specimen, options: &VoxelOptions) -> Self {
+        let target = options.voxel_mm;
+        target.map_or_else(
+            || Self::of_cells(specimen, options.cells.unwrap_or(DEFAULT_CELLS)),
+            |target| Self::of_edges(specimen, target),
+        )
+    }
+
+    /// This many voxels along the longest edge of the specimen.
+    pub fn of_cells(specimen: &Specimen, cells: u32) -> Self {
+        let longest = specimen.bounds_mm().into_iter().fold(0.0, f64::max);
+        Self::of_edges(specimen, longest / f64::from(cells))
+    }
+
+    /// Voxels with edges near a length in mm.
+    fn of_edges(specimen: &Specimen, target: f64) -> Self {
         let bounds = specimen.bounds_mm();
-        let longest = bounds.into_iter().fold(0.0, f64::max);
-        let target = options.voxel_mm.unwrap_or(longest / f64::from(options.cells.unwrap_or(DEFAULT_CELLS)));
         let shape = bounds.each(|length| (length / target).round().max(1.0) as usize);
         let spacing_mm = [0, 1, 2].each(|a| bounds[a] / shape[a] as f64);
         Self { shape, spacing_mm, size_mm: bounds, rows: None }.cut(specimen)
@@ -59,17 +72,17 @@ impl VoxelGrid {
     }
 
     /// Centre of a voxel along one axis.
-    pub(super) fn center(&self, axis: usize, i: usize) -> f64 {
+    pub(in crate::export) fn center(&self, axis: usize, i: usize) -> f64 {
         (i as f64 + 0.5) * self.spacing_mm[axis]
     }
 
     /// Corner of a voxel along one axis; that of the one past the last is the specimen's end, exactly.
-    pub(super) fn corner(&self, axis: usize, i: usize) -> f64 {
+    pub(in crate::export) fn corner(&self, axis: usize, i: usize) -> f64 {
         self.size_mm[axis] * i as f64 / self.shape[axis] as f64
     }
 
     /// The voxels whose centres lie in `low..=high`, along one axis.
-    pub(super) fn centers_within(&self, axis: usize, low: f64, high: f64) -> Range<usize> {
+    pub(in crate::export) fn centers_within(&self, axis: usize, low: f64, high: f64) -> Range<usize> {
         let (n, spacing) = (self.shape[axis], self.spacing_mm[axis]);
         let first = ceil_within(low / spacing - 0.5, n);
         let last = high / spacing - 0.5;

@@ -38,8 +38,8 @@ pub(super) struct Options {
     /// Formats of the table of grains; html is a page of its own with a viewer, to send by mail
     #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
     format: Vec<ResultFormat>,
-    /// An export of the result: mesh, voxels, slice, ldpm, certificates, shapes or quality, with options, as
-    /// `voxels:format=raw,cells=200`; may be repeated
+    /// An export of the result: mesh, voxels, slice, ldpm, certificates, shapes, quality or properties, with
+    /// options, as `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     export: Vec<ExportRequest>,
     #[command(flatten)]

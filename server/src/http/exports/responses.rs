@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use packstone_engine::analysis::QualityReport;
-use packstone_engine::export::{ExportType, slice};
+use packstone_engine::export::{ExportType, properties, slice};
 use utoipa::openapi::content::ContentBuilder;
 use utoipa::openapi::header::HeaderBuilder;
 use utoipa::openapi::response::{Response, ResponseBuilder};
@@ -44,7 +44,8 @@ fn with_files(description: &str) -> ResponseBuilder {
     let mut response = ResponseBuilder::new().description(description);
     for media_type in media_types {
         let schema = if media_type == JSON {
-            let documents = [slice::SliceDocument::name(), QualityReport::name()];
+            let documents =
+                [slice::SliceDocument::name(), QualityReport::name(), properties::PropertyReport::name()];
             let any = documents
                 .into_iter()
                 .fold(AnyOfBuilder::new(), |any, name| any.item(Ref::from_schema_name(name)));
