@@ -88,6 +88,9 @@ commit=$(git rev-parse --short=12 HEAD)
 if [ -n "$builder" ]; then
     "$builder" build --file docker/Dockerfile --build-arg "COMMIT=$commit" --tag "$image" .
     "$builder" save "$image" | gzip --no-name -9 >"$out/packstone-$version-image.tar.gz"
+    fem=packstone-fem:$version
+    "$builder" build --file docker/Dockerfile.fem --build-arg "IMAGE=$image" --tag "$fem" docker
+    "$builder" save "$fem" | gzip --no-name -9 >"$out/packstone-fem-$version-image.tar.gz"
 else
     echo "no docker or podman that runs; $image is made by:" \
         "docker build -f docker/Dockerfile --build-arg COMMIT=$commit -t $image ." >&2

@@ -77,6 +77,7 @@ mod streams;
 mod studies;
 mod study_command;
 mod submission;
+mod tetrahedra;
 mod threads;
 mod users;
 mod voxel_readers;

@@ -463,6 +463,11 @@ async fn capabilities_and_metrics_tell_of_models() {
             assert_eq!(options.is_empty(), ["shapes", "quality"].contains(&kind), "{kind} {format:#}");
             assert!(!options.contains(&json!("format")), "{kind} {format:#}");
             let name = format["name"].as_str().unwrap();
+            seen += 1;
+            if kind == "mesh" && ["inp", "vtu", "med"].contains(&name) {
+                // Gmsh makes these, where there is one: `tetrahedra` tests them.
+                continue;
+            }
             let fast = match kind {
                 "voxels" => "&cells=8".to_owned(),
                 // What needs materials.
@@ -472,10 +477,9 @@ async fn capabilities_and_metrics_tell_of_models() {
             let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}{fast}");
             let reply = client.head(&path).send().await;
             assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
-            seen += 1;
         }
     }
-    assert_eq!(seen, 21);
+    assert_eq!(seen, 24);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
     let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 4";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");

@@ -13,7 +13,7 @@ from .errors import error_of
 
 ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes", "quality", "properties"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
-MeshFormat = Literal["msh", "geo", "stl"]
+MeshFormat = Literal["msh", "geo", "stl", "inp", "vtu", "med"]
 VoxelFormat = Literal["vti", "raw", "inp", "npy", "vtk", "zip"]
 SliceFormat = Literal["svg", "png", "json", "geo"]
 LdpmFormat = Literal["chrono", "tets", "facets", "cells"]

@@ -254,6 +254,11 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
     module.add("Refused", py.get_type::<Refused>())?;
     module.add("Stopped", py.get_type::<Stopped>())?;
+    // Tetrahedra are made by the module gmsh of this interpreter, where it has one.
+    let python = py.import("sys").ok().and_then(|sys| sys.getattr("executable").ok());
+    if let Some(python) = python.and_then(|python| python.extract::<PathBuf>().ok()) {
+        local::set_interpreter(python);
+    }
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<Packing>()?;
     module.add_function(wrap_pyfunction!(pack, module)?)?;

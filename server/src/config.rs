@@ -12,6 +12,7 @@ use packstone_engine::Limits;
 use crate::accounts::{Quotas, read_rate};
 use crate::base_path::BasePath;
 use crate::blobs::Place;
+use crate::gmsh::GmshOptions;
 use crate::jobs::request::MAX_TIMEOUT_S;
 use crate::jobs::store::{Database, NoDatabase};
 use crate::jobs::sweeper::SweepRules;
@@ -83,6 +84,8 @@ pub(crate) struct ServeOptions {
     /// the exports that are made at once]
     #[arg(long, env = "PACKSTONE_EXPORT_THREADS")]
     pub(crate) export_threads: Option<NonZeroUsize>,
+    #[command(flatten)]
+    pub(crate) gmsh: GmshOptions,
     /// Most bytes of exports that were made for a download only; beyond, those used longest ago are removed, and made
     /// again when they are requested
     #[arg(long, env = "PACKSTONE_EXPORT_CACHE_BYTES", default_value_t = DEFAULT_DERIVED_CACHE_BYTES)]

@@ -371,6 +371,7 @@ impl From<ExportError> for Failure {
             ExportError::Unavailable(_) => Self::new(FailureCode::FormatNotAvailable, detail),
             ExportError::TooLarge(field) => Self::fields(FailureCode::TooLarge, vec![field]),
             ExportError::CheckFailed(_) => Self::new(FailureCode::CheckFailed, detail),
+            ExportError::Mesher(_) => Self::new(FailureCode::MachineFault, detail),
             ExportError::Stopped => Self::new(FailureCode::InternalError, detail),
             ExportError::OutOfMemory { bytes } => {
                 Self::new(FailureCode::OutOfMemory, detail).with_needed(bytes)

@@ -16,6 +16,7 @@ const LAYERS: &[&[&str]] = &[
         "descriptors",
         "disk",
         "failure",
+        "gmsh",
         "hex",
         "http_client",
         "ids",

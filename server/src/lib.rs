@@ -20,6 +20,7 @@ mod disk;
 mod exports;
 mod failure;
 mod formats;
+mod gmsh;
 mod hex;
 mod http;
 mod http_client;

@@ -71,7 +71,7 @@ impl ExportType {
     /// Names of its file formats, the default first.
     pub fn formats(self) -> &'static [&'static str] {
         match self {
-            Self::Mesh => &["msh", "geo", "stl"],
+            Self::Mesh => &mesh::FORMATS,
             Self::Voxels => &["vti", "raw", "inp", "npy"],
             Self::Slice => &["svg", "png", "json", "geo"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
@@ -346,6 +346,11 @@ impl ExportRequest {
         }
     }
 
+    /// Whether it needs [`Model::mesher`].
+    pub fn needs_mesher(&self) -> bool {
+        matches!(self, Self::Mesh(mesh) if mesh.tetrahedra().is_some())
+    }
+
     /// Writes the file.
     ///
     /// # Errors
@@ -461,11 +466,13 @@ impl ExportRequest {
 
     /// Ending of the name of a file that holds it. It tells exports of one packing apart: after the type or format come
     /// the options that differ from the defaults, as in `msh`, `size_mm-0.5.msh`, `grain.vti`, `slice.x.at_mm-20.svg`,
-    /// `ldpm.tets.vtu`.
+    /// `ldpm.tets.vtu`,
+    /// `tetrahedra.order-2.inp`.
     pub fn file_ending(&self) -> String {
         let extension = self.file_extension();
         let mut parts = match self {
             Self::Mesh(_) if extension == "zip" => vec![self.format().to_owned()],
+            Self::Mesh(mesh) if mesh.tetrahedra().is_some() => vec!["tetrahedra".to_owned()],
             Self::Mesh(_) => Vec::new(),
             Self::Voxels(options) => options.reader.iter().map(|reader| reader.name().to_owned()).collect(),
             Self::Slice(_) => vec!["slice".to_owned()],
@@ -495,6 +502,9 @@ impl ExportRequest {
         let follows = |name: &str, value: &Value| match (self, name) {
             // Four times the segments and half the fictitious diameter come with those.
             (Self::Mesh(mesh), "max_segments") => mesh.has_default_max_segments(),
+            // The name says that there are tetrahedra; they are of the first order where it does not say which.
+            (Self::Mesh(_), "elements") => true,
+            (Self::Mesh(_), "order") => value.as_u64() == Some(1),
             (Self::Ldpm(options), "surface_radius") => {
                 value.as_f64().is_some_and(|radius| radius * 2.0 == options.fictitious_diameter)
             }
@@ -515,7 +525,9 @@ impl ExportRequest {
     /// name of the first file gets, and the text.
     pub fn companion(&self, file_name: &str) -> Option<(&'static str, String)> {
         match self {
-            Self::Mesh(mesh::MeshRequest::Msh(_)) => Some(("geo", mesh::msh::script(file_name))),
+            Self::Mesh(mesh @ mesh::MeshRequest::Msh(_)) if mesh.tetrahedra().is_none() => {
+                Some(("geo", mesh::msh::script(file_name)))
+            }
             _ => None,
         }
     }

@@ -46,6 +46,7 @@ use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
+pub use mesh::tetrahedra::TetrahedronMesher;
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
@@ -64,13 +65,15 @@ pub struct Model<'a> {
     pub provenance: Option<&'a Provenance>,
     /// The materials that the request of the packing states.
     pub materials: Option<&'a Materials>,
+    /// What fills surfaces with tetrahedra, for the exports that have them.
+    pub mesher: Option<&'a dyn TetrahedronMesher>,
 }
 
 impl<'a> Model<'a> {
     /// A packing of unknown provenance, whose grains do not overlap.
     pub fn new(specimen: &'a Specimen, grains: impl Into<GrainsRef<'a>>) -> Self {
         let distance = Distance::None { wall_gap_mm: None };
-        Self { specimen, grains: grains.into(), distance, provenance: None, materials: None }
+        Self { specimen, grains: grains.into(), distance, provenance: None, materials: None, mesher: None }
     }
 
     /// The same packing, with the rule of distance that it keeps.
@@ -90,6 +93,12 @@ impl<'a> Model<'a> {
     pub fn with_materials(self, materials: Option<&'a Materials>) -> Self {
         Self { materials, ..self }
     }
+
+    /// The same packing, with what fills its surfaces with tetrahedra.
+    #[must_use]
+    pub fn with_mesher(self, mesher: &'a dyn TetrahedronMesher) -> Self {
+        Self { mesher: Some(mesher), ..self }
+    }
 }
 
 /// Why something was not made of a packing.
@@ -107,6 +116,9 @@ pub enum ExportError {
     /// Its own checks failed, which is a defect of this program.
     #[error("the model failed its check: {0}")]
     CheckFailed(String),
+    /// The program that fills surfaces with tetrahedra failed; the text is the cause.
+    #[error("{0}")]
+    Mesher(String),
     /// It was told to stop.
     #[error("stopped")]
     Stopped,

@@ -347,6 +347,11 @@ impl<'a> Object<'a> {
         self.map.get(name).filter(|v| !v.is_null()).map(|v| self.at.child(name, v))
     }
 
+    /// Whether the field is there and not null. Another may read it.
+    pub fn has(&self, name: &str) -> bool {
+        self.map.get(name).is_some_and(|value| !value.is_null())
+    }
+
     /// The field, or a fault that it is missing.
     pub fn required(&mut self, name: &'static str) -> Option<At<'a>> {
         let found = self.optional(name);

@@ -102,7 +102,7 @@ impl Exit {
             }
             ExportError::CheckFailed(_) => Self::CheckFailed,
             ExportError::Stopped => Self::Interrupted,
-            ExportError::OutOfMemory { .. } => Self::Machine,
+            ExportError::OutOfMemory { .. } | ExportError::Mesher(_) => Self::Machine,
             ExportError::Write(error) => Self::of_io(error),
         }
     }

@@ -16,6 +16,7 @@ use super::print_files;
 use super::signals::stop_on_signals;
 use super::unfinished::Unfinished;
 use crate::config::{cores, default_memory_bytes};
+use crate::gmsh::{self, GmshOptions};
 
 /// Options of `packstone export`.
 #[derive(Args)]
@@ -45,11 +46,14 @@ pub(super) struct Options {
     #[command(flatten)]
     materials: MaterialsFile,
     #[command(flatten)]
+    gmsh: GmshOptions,
+    #[command(flatten)]
     input: Input,
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let export_threads = options.threads.unwrap_or_else(cores);
+    gmsh::set(options.gmsh.clone());
     let stop = stop_on_signals()?;
     let packing = packing_file::read(
         &options.result,

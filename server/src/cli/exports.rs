@@ -18,6 +18,7 @@ use super::exit::{Exit, Failure, cannot_be};
 use super::input::Input;
 use super::outputs::{Names, beside};
 use crate::atomic_file::write_buffered;
+use crate::gmsh;
 use crate::telemetry::say;
 
 /// The size of a file of this length is announced before the file is made.
@@ -118,7 +119,10 @@ impl Output {
 
     /// Checks what can be checked before there are grains.
     pub(super) fn check(&self, request: &PackingRequest, limits: &Limits) -> Result<(), Failure> {
-        check(&self.export, request, limits)
+        check(&self.export, request, limits)?;
+        gmsh::check(&self.export).map_err(|error| {
+            Exit::of_export(&error).because(format_args!("{} is refused:\n  {error}", self.file.display()))
+        })
     }
 }
 
@@ -176,9 +180,11 @@ pub(super) fn announce(name: &str, estimate: &ExportEstimate) {
         say(&format!("{name}: about {megabytes} MB of memory and {seconds} s of CPU time"));
     }
     if estimate.bytes >= LARGE_BYTES {
-        let triangles =
-            estimate.mesh.map(|mesh| format!(", {} triangles", mesh.triangles)).unwrap_or_default();
-        say(&format!("{name}: about {} MB{triangles}", estimate.bytes / 1_000_000));
+        let size = estimate.mesh.map_or_else(String::new, |mesh| match (mesh.tetrahedra, mesh.nodes) {
+            (Some(tetrahedra), Some(nodes)) => format!(", {tetrahedra} tetrahedra, {nodes} nodes"),
+            _ => format!(", {} triangles", mesh.triangles),
+        });
+        say(&format!("{name}: about {} MB{size}", estimate.bytes / 1_000_000));
     }
 }
 

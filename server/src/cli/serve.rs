@@ -6,6 +6,7 @@ use super::exit::{Exit, Failure};
 use super::{block_on_threads, print};
 use crate::base_path;
 use crate::config::ServeOptions;
+use crate::gmsh;
 use crate::service::Service;
 use crate::telemetry;
 
@@ -19,6 +20,7 @@ pub(super) fn run(options: ServeOptions, unknown: &[String]) -> Result<(), Failu
         tracing::warn!(variable, "no option has this variable: it is misspelled, or of another version");
     }
     base_path::set(options.base_path.clone());
+    gmsh::set(options.gmsh.clone());
     if options.api_keys_file.is_none() && std::env::var_os(KEYS_VARIABLE).is_some() {
         tracing::warn!("{KEYS_VARIABLE} is empty and counts as not set: the service asks for no keys");
     }

@@ -18,6 +18,7 @@ use super::{ExportRecord, StoredFile, distance_kept};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
+use crate::gmsh;
 use crate::jobs::store::ClaimedExport;
 use crate::jobs::{JobProgress, StopRequests};
 use crate::metrics::Metrics;
@@ -119,7 +120,8 @@ impl TaskKind for Exports {
         let model = Model::new(&specimen, &grains)
             .with_distance(distance)
             .with_provenance(&provenance)
-            .with_materials(materials.as_ref());
+            .with_materials(materials.as_ref())
+            .with_mesher(&gmsh::Installed);
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }

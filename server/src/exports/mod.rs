@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::failure::Failure;
+use crate::gmsh;
 use crate::hex;
 use crate::ids::{ExportId, JobId};
 use crate::jobs::JobRequest;
@@ -135,7 +136,12 @@ impl NewExport {
     pub(crate) fn new(export: &ExportRequest, result_sha256: &str) -> Self {
         // A value of plain fields always has a JSON form; its fields stand in one order.
         let options = serde_json::to_string(export).unwrap_or_default();
-        let key = hex::sha256(format!("{result_sha256}\n{options}\n{REVISION}").as_bytes());
+        let mut parts = format!("{result_sha256}\n{options}\n{REVISION}");
+        if let Some(mesher) = gmsh::key_of(export) {
+            parts.push('\n');
+            parts.push_str(&mesher);
+        }
+        let key = hex::sha256(parts.as_bytes());
         let kind = export.export_type();
         Self { key, kind, options, quick: kind.is_quick() }
     }

@@ -16,6 +16,7 @@ use serde_json::Value;
 
 use crate::exports::MAX_POSTPROCESS;
 use crate::failure::Failure;
+use crate::gmsh;
 use crate::jobs::moments;
 use crate::webhooks::WebhookUrl;
 
@@ -195,8 +196,10 @@ impl JobRequest {
         }
         let packing = self.packing();
         for (place, export) in items {
-            let checked =
-                export.check(&self.specimen, limits).and_then(|()| export.check_materials(&packing));
+            let checked = export
+                .check(&self.specimen, limits)
+                .and_then(|()| export.check_materials(&packing))
+                .and_then(|()| gmsh::check(export));
             checked.map_err(|error| Failure::from(error).below(&place))?;
         }
         Ok(())

@@ -47,6 +47,11 @@ pub use packed::{Packed, companion};
 pub use run::Run;
 pub use study::{Study, run_of_study};
 
+/// Names the Python that this process runs in, whose module `gmsh` makes tetrahedra where no other Gmsh is named.
+pub fn set_interpreter(python: PathBuf) {
+    crate::gmsh::set_interpreter(python);
+}
+
 /// The templates of angular grains of all jobs and studies of the process.
 static TEMPLATES: LazyLock<TemplateCache> = LazyLock::new(TemplateCache::default);
 

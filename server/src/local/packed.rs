@@ -15,6 +15,7 @@ use crate::config::limits_of_one_packing;
 use crate::exports::distance_kept;
 use crate::failure::Failure;
 use crate::formats::ResultFormat;
+use crate::gmsh;
 use crate::jobs::JobRequest;
 use crate::plots::draw;
 use crate::plots::job::{self, JobPlot, JobResult};
@@ -127,7 +128,8 @@ impl Packed {
         let model = Model::new(&specimen, &self.grains)
             .with_distance(distance_kept(&self.head))
             .with_provenance(&provenance)
-            .with_materials(materials.as_ref());
+            .with_materials(materials.as_ref())
+            .with_mesher(&gmsh::Installed);
         to_json(&export.write(&model, &self.limits, run, out)?)
     }
 

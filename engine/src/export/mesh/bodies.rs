@@ -37,6 +37,8 @@ pub(super) const STRETCHED: f64 = 2.2;
 pub(super) struct MeshModel<'a> {
     pub(super) specimen: &'a Specimen,
     pub(super) bodies: Bodies<'a>,
+    /// No edge on the specimen is longer.
+    pub(super) shell_most_mm: f64,
 }
 
 /// The grains of a packing.
@@ -104,7 +106,11 @@ pub(super) struct Contact {
 
 impl<'a> MeshModel<'a> {
     pub(super) fn new(model: &Model<'a>) -> Result<Self, OutOfMemory> {
-        Ok(Self { specimen: model.specimen, bodies: Bodies::new(model.grains)? })
+        Ok(Self {
+            specimen: model.specimen,
+            bodies: Bodies::new(model.grains)?,
+            shell_most_mm: f64::INFINITY,
+        })
     }
 
     /// A grain's walls.

@@ -51,6 +51,18 @@ pub struct MeshEstimate {
     pub triangles: u64,
     /// Length of the file.
     pub bytes: u64,
+    /// Tetrahedra, where there are any; true within a factor of 1.5 where the triangles are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub tetrahedra: Option<u64>,
+    /// Nodes of the tetrahedra.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub nodes: Option<u64>,
+    /// Three for each node of the tetrahedra.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub degrees_of_freedom: Option<u64>,
 }
 
 /// Bytes of a triangle in the file format `stl`: twice 50 bytes, of which compression leaves 30 to 50 %.
@@ -64,7 +76,7 @@ impl MeshEstimate {
 
     fn of(triangles: f64) -> Self {
         let triangles = triangles.max(0.0).round() as u64;
-        Self { triangles, bytes: triangles.saturating_mul(BYTES_PER_TRIANGLE) }
+        Self { triangles, bytes: triangles.saturating_mul(BYTES_PER_TRIANGLE), ..Self::default() }
     }
 }
 

@@ -2,7 +2,7 @@
 //! its faces.
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
-//! grains that do not touch do not touch either. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
+//! grains that do not touch do not touch either; `tetrahedra` fills them by a program that the caller gives. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
 //! images), `polyhedron` and `facets`, `surface` (refinement), `surfaces` (all of a packing, on several threads),
 //! `size` (length of edges), `grain` (volume), `estimate` (triangles and bytes beforehand).
 
@@ -32,6 +32,7 @@ mod surfaces;
 mod template_surface;
 #[cfg(test)]
 mod tests;
+pub mod tetrahedra;
 
 use std::io::Write;
 
@@ -48,6 +49,10 @@ pub use estimate::MeshEstimate;
 pub use options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use surface::Surface;
 use surfaces::Mesh;
+pub use tetrahedra::{MeshOptions, TetrahedronOptions, TetrahedronReport};
+
+/// Names of the file formats, the default first.
+pub(super) const FORMATS: [&str; 6] = ["msh", "geo", "stl", "inp", "vtu", "med"];
 
 /// Grains between two looks at whether to stop.
 const GRAINS_PER_LOOK: usize = 64;
@@ -57,12 +62,18 @@ const GRAINS_PER_LOOK: usize = 64;
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "format", rename_all = "snake_case")]
 pub enum MeshRequest {
-    /// Surfaces as a Gmsh file (MSH 4.1), to be filled with tetrahedra.
-    Msh(SurfaceOptions),
+    /// A Gmsh file (MSH 4.1): surfaces to be filled, or surfaces and tetrahedra.
+    Msh(MeshOptions),
     /// Grains and specimen as a Gmsh script for the `OpenCASCADE` kernel.
     Geo(geo::GeoOptions),
     /// Surfaces as STL, a file for each phase in a zip.
     Stl(SurfaceOptions),
+    /// Tetrahedra as keywords for Abaqus and `CalculiX`.
+    Inp(MeshOptions),
+    /// Tetrahedra as an unstructured grid of VTK.
+    Vtu(MeshOptions),
+    /// Tetrahedra as MED, where Gmsh has it.
+    Med(MeshOptions),
 }
 
 /// The figures of a mesh.
@@ -76,19 +87,28 @@ pub enum MeshReport {
     Geo(geo::GeoReport),
     /// Of STL files.
     Stl(SurfaceReport),
+    /// Of keywords for Abaqus and `CalculiX`.
+    Inp(SurfaceReport),
+    /// Of a grid of VTK.
+    Vtu(SurfaceReport),
+    /// Of a MED file.
+    Med(SurfaceReport),
 }
 
 impl MeshRequest {
     /// Reads `format` and its options out of a request; faults go where the object's go.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
         let format = match object.optional("format") {
-            Some(at) => at.choice(&[("msh", "msh"), ("geo", "geo"), ("stl", "stl")])?,
-            None => "msh",
+            Some(at) => at.choice(&FORMATS.map(|name| (name, name)))?,
+            None => FORMATS[0],
         };
         match format {
             "geo" => geo::GeoOptions::read(object).map(Self::Geo),
             "stl" => SurfaceOptions::read(object).map(Self::Stl),
-            _ => SurfaceOptions::read(object).map(Self::Msh),
+            "inp" => MeshOptions::read(object, true).map(Self::Inp),
+            "vtu" => MeshOptions::read(object, true).map(Self::Vtu),
+            "med" => MeshOptions::read(object, true).map(Self::Med),
+            _ => MeshOptions::read(object, false).map(Self::Msh),
         }
     }
 
@@ -98,6 +118,30 @@ impl MeshRequest {
             Self::Msh(_) => "msh",
             Self::Geo(_) => "geo",
             Self::Stl(_) => "stl",
+            Self::Inp(_) => "inp",
+            Self::Vtu(_) => "vtu",
+            Self::Med(_) => "med",
+        }
+    }
+
+    /// The options of its tetrahedra, where it has any: such a mesh needs [`Model::mesher`].
+    pub fn tetrahedra(&self) -> Option<&TetrahedronOptions> {
+        match self {
+            Self::Msh(options) | Self::Inp(options) | Self::Vtu(options) | Self::Med(options) => {
+                options.tetrahedra.as_ref()
+            }
+            Self::Geo(_) | Self::Stl(_) => None,
+        }
+    }
+
+    /// The options of its surfaces, where they are triangles.
+    fn surfaces(&self) -> Option<&SurfaceOptions> {
+        match self {
+            Self::Msh(options) | Self::Inp(options) | Self::Vtu(options) | Self::Med(options) => {
+                Some(&options.surfaces)
+            }
+            Self::Stl(options) => Some(options),
+            Self::Geo(_) => None,
         }
     }
 
@@ -105,8 +149,10 @@ impl MeshRequest {
     pub fn media_type(&self) -> &'static str {
         match self {
             Self::Msh(_) => "application/vnd.gmsh.msh",
-            Self::Geo(_) => "text/plain",
+            Self::Geo(_) | Self::Inp(_) => "text/plain",
             Self::Stl(_) => "application/zip",
+            Self::Vtu(_) => "application/vnd.vtk.unstructuredgrid+xml",
+            Self::Med(_) => "application/x-hdf5",
         }
     }
 
@@ -129,14 +175,13 @@ impl MeshRequest {
     /// Says how long the file of a packing will be, and how many triangles it will have.
     pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
         check(model.specimen)?;
-        match self {
-            Self::Geo(_) => Ok((geo::bytes_of_model(model), None)),
-            Self::Msh(options) | Self::Stl(options) => {
-                let model = &MeshModel::new(model)?;
-                let estimate = self.in_format(estimate::of_model(model, options, &Unattended)?.0);
-                Ok((estimate.bytes, Some(estimate)))
-            }
-        }
+        let Some(options) = self.surfaces() else { return Ok((geo::bytes_of_model(model), None)) };
+        let options =
+            &self.tetrahedra().map_or_else(|| options.clone(), |own| own.of_surfaces(options, None));
+        let specimen = model.specimen;
+        let model = &MeshModel::new(model)?;
+        let estimate = self.in_format(specimen, estimate::of_model(model, options, &Unattended)?.0);
+        Ok((estimate.bytes, Some(estimate)))
     }
 
     /// The same by the plan of a packing, with warnings.
@@ -146,11 +191,14 @@ impl MeshRequest {
         plan: &Plan,
     ) -> Result<(u64, Option<MeshEstimate>, Vec<String>), ExportError> {
         check(&request.specimen)?;
-        let (Self::Msh(options) | Self::Stl(options)) = self else {
+        let Some(options) = self.surfaces() else {
             return Ok((geo::bytes_of_plan(request.mix.grain_kind(), plan.grains), None, Vec::new()));
         };
+        let options =
+            &self.tetrahedra().map_or_else(|| options.clone(), |own| own.of_surfaces(options, None));
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        let estimate = self.in_format(estimate::of_plan(&request.specimen, &rule, &plan.classes, options));
+        let triangles = estimate::of_plan(&request.specimen, &rule, &plan.classes, options);
+        let estimate = self.in_format(&request.specimen, triangles);
         let mut warnings = Vec::new();
         let fixed = !matches!(request.distance, Distance::Maximize { .. });
         if fixed
@@ -174,16 +222,17 @@ impl MeshRequest {
         Ok((estimate.bytes, Some(estimate), warnings))
     }
 
-    fn in_format(&self, estimate: MeshEstimate) -> MeshEstimate {
-        if matches!(self, Self::Stl(_)) { estimate.as_stl() } else { estimate }
+    fn in_format(&self, specimen: &Specimen, estimate: MeshEstimate) -> MeshEstimate {
+        match (self.tetrahedra(), self) {
+            (Some(options), _) => tetrahedra::estimated(estimate.triangles, specimen, options, self.format()),
+            (None, Self::Stl(_)) => estimate.as_stl(),
+            (None, _) => estimate,
+        }
     }
 
     /// Whether `max_segments` is what `segments` implies.
     pub(super) fn has_default_max_segments(&self) -> bool {
-        match self {
-            Self::Geo(_) => true,
-            Self::Msh(options) | Self::Stl(options) => options.has_default_max_segments(),
-        }
+        self.surfaces().is_none_or(SurfaceOptions::has_default_max_segments)
     }
 
     /// Writes the file.
@@ -197,8 +246,17 @@ impl MeshRequest {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<MeshReport, ExportError> {
+        let mut write = |options: &MeshOptions| match &options.tetrahedra {
+            Some(own) => {
+                tetrahedra::write(model, &options.surfaces, own, self.format(), limits, control, out)
+            }
+            None => msh::write(model, &options.surfaces, limits, control, out),
+        };
         match self {
-            Self::Msh(options) => msh::write(model, options, limits, control, out).map(MeshReport::Msh),
+            Self::Msh(options) => write(options).map(MeshReport::Msh),
+            Self::Inp(options) => write(options).map(MeshReport::Inp),
+            Self::Vtu(options) => write(options).map(MeshReport::Vtu),
+            Self::Med(options) => write(options).map(MeshReport::Med),
             Self::Geo(options) => geo::write(model, options, limits, control, out).map(MeshReport::Geo),
             Self::Stl(options) => stl::write(model, options, limits, control, out).map(MeshReport::Stl),
         }
@@ -209,7 +267,11 @@ impl MeshReport {
     /// What is missing of the mesh, in words.
     pub fn warnings(&self) -> &[String] {
         match self {
-            Self::Msh(report) | Self::Stl(report) => &report.warnings,
+            Self::Msh(report)
+            | Self::Stl(report)
+            | Self::Inp(report)
+            | Self::Vtu(report)
+            | Self::Med(report) => &report.warnings,
             Self::Geo(report) => &report.warnings,
         }
     }
@@ -243,6 +305,10 @@ pub struct SurfaceReport {
     /// What is missing of the mesh, in words.
     #[serde(default)]
     pub warnings: Vec<String>,
+    /// The tetrahedra, where there are any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub tetrahedra: Option<TetrahedronReport>,
 }
 
 /// Judges what can be judged before there are grains.
@@ -266,7 +332,7 @@ fn too_large(
 ) -> ExportError {
     let most = options.max_bytes.min(limits.max_memory_bytes);
     let size = match estimate {
-        Some(MeshEstimate { triangles, bytes }) => {
+        Some(MeshEstimate { triangles, bytes, .. }) => {
             format!("about {:.1} million triangles, {} MB", triangles as f64 / 1e6, bytes.div_ceil(1_000_000))
         }
         None => format!("more than {} MB", limits.max_memory_bytes / 1_000_000),
@@ -312,6 +378,7 @@ fn report_of(model: &MeshModel<'_>, shell: &Surface) -> SurfaceReport {
         aggregate_volume_error: 0.0,
         grains_short_of_volume: 0,
         warnings: Vec::new(),
+        tetrahedra: None,
     }
 }
 

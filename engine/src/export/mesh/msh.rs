@@ -46,32 +46,48 @@ pub fn write(
     out: &mut dyn Write,
 ) -> Result<SurfaceReport, ExportError> {
     let (mesh, report) = Mesh::new(model, options, limits, control)?;
+    write_mesh(&mesh, &AggregateGroups::of(model), control, out)?;
+    Ok(report)
+}
+
+/// Writes surfaces.
+pub(super) fn write_mesh(
+    mesh: &Mesh,
+    groups: &AggregateGroups<'_>,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<(), ExportError> {
     let outline = Outline::new(&mesh.shell);
-    let groups = AggregateGroups::of(model);
     let out = std::io::BufWriter::with_capacity(1 << 16, out);
-    let mut file = File { out, mesh: &mesh, outline: &outline, groups: &groups };
+    let mut file = File { out, mesh, outline: &outline, groups };
     file.format()?;
     file.physical_names()?;
     file.entities()?;
     let node_of = file.nodes(control)?;
     file.elements(&node_of, control)?;
     file.out.flush()?;
-    Ok(report)
+    Ok(())
 }
 
-/// A Gmsh script of three lines beside a file of that name: opened in its stead, the volumes are ready to be
+/// A Gmsh script of five lines beside a file of that name: opened in its stead, the volumes are ready to be
 /// filled.
 ///
 /// The third line chooses HXT, Gmsh's parallel Delaunay mesher (Marot, Pellerin and Remacle 2019, DOI
 /// 10.1002/nme.5987), in place of the default: it leaves no flat tetrahedra in ellipsoids, and takes a third of the
 /// time (`docs/meshes.md`).
 ///
+/// The last two lines are for files for Abaqus (`-o model.inp`): elements of volumes alone with a set for each group, and
+/// a set of nodes for each group of surfaces. Gmsh 4.9 and later knows them.
+///
 /// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
 /// it otherwise.
 pub fn script(file_name: &str) -> String {
     // Gmsh knows no escapes within either kind of quotes.
     let quote = if file_name.contains('"') { '\'' } else { '"' };
-    format!("Merge {quote}{file_name}{quote};\nCreateGeometry {{ Volume{{:}}; }}\nMesh.Algorithm3D = 10;\n")
+    format!(
+        "Merge {quote}{file_name}{quote};\nCreateGeometry {{ Volume{{:}}; }}\nMesh.Algorithm3D = 10;\n\
+         Mesh.SaveGroupsOfElements = -1000;\nMesh.SaveGroupsOfNodes = -100;\n"
+    )
 }
 
 struct File<'a, W: Write> {

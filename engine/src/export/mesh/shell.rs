@@ -60,8 +60,8 @@ impl Division {
     pub(super) fn of(model: &MeshModel<'_>, options: &SurfaceOptions) -> Self {
         let typical_mm = super::surface_mean_mm(model);
         Self {
-            edge_mm: options.edge_mm(typical_mm),
-            floor_mm: options.floor_mm(typical_mm),
+            edge_mm: options.edge_mm(typical_mm).min(model.shell_most_mm),
+            floor_mm: options.floor_mm(typical_mm).min(model.shell_most_mm),
             size_field: options.size_field,
         }
     }

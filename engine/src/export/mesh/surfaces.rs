@@ -55,8 +55,21 @@ impl Mesh {
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<(Self, SurfaceReport), ExportError> {
+        Self::bounded(model, options, None, limits, control)
+    }
+
+    /// The same with no edge on the specimen longer than `shell_most_mm`.
+    pub(super) fn bounded(
+        model: &Model<'_>,
+        options: &SurfaceOptions,
+        shell_most_mm: Option<f64>,
+        limits: &Limits,
+        control: &dyn Control,
+    ) -> Result<(Self, SurfaceReport), ExportError> {
         check(model.specimen)?;
-        let model = &MeshModel::new(model)?;
+        let mut model = MeshModel::new(model)?;
+        model.shell_most_mm = shell_most_mm.unwrap_or(f64::INFINITY);
+        let model = &model;
         let (mesh, report) = Self::of_model(model, options, limits, control)?;
         let lacking = -report.aggregate_volume_error;
         if options.volume_correction == VolumeCorrection::Scaled && lacking > loss::MOST_LACKING {

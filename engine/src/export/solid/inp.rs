@@ -104,7 +104,10 @@ impl File<'_> {
 
     fn sets(&mut self) -> Result<(), ExportError> {
         let mesh = self.mesh;
-        let is_aggregate = |phase: &u16| matches!(mesh.phases.get(usize::from(*phase)), Some(set) if set.role != PhaseRole::Matrix);
+        let is_aggregate = |phase: &u16| {
+            let set = mesh.phases.get(usize::from(*phase));
+            set.is_some_and(|set| set.role != PhaseRole::Matrix)
+        };
         // A mix with one aggregate has this set by its elements.
         if mesh.phases.len() > 1 && !mesh.phases.iter().any(|phase| phase.name == AGGREGATES) {
             writeln!(self.text, "*ELSET, ELSET={AGGREGATES}")?;

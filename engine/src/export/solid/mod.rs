@@ -2,11 +2,12 @@
 //! specimen.
 //!
 //! [`SolidMesh`] is what a solver's deck is made of. `element` knows the shapes of elements (numbers of nodes, sides,
-//! volumes), `measures` checks a mesh, `inp` and `vtu` write it.
+//! volumes), `measures` checks a mesh, `inp` and `vtu` write it, [`msh`] reads it from a file of Gmsh.
 
 mod element;
 mod inp;
 mod measures;
+pub mod msh;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
@@ -106,6 +107,19 @@ impl SolidMesh {
     pub fn element(&self, element: usize) -> &[u32] {
         let nodes = self.kind.nodes();
         &self.elements[nodes * element..][..nodes]
+    }
+
+    /// The volume of an element, in mm³.
+    ///
+    /// # Panics
+    /// For an element that there is not.
+    pub fn volume_mm3(&self, element: usize) -> f64 {
+        let mut points = [Vector3::zeros(); 10];
+        let nodes = self.element(element);
+        for (point, node) in points.iter_mut().zip(nodes) {
+            *point = self.nodes_mm[*node as usize];
+        }
+        self.kind.volume(&points[..nodes.len()]).0
     }
 
     /// Numbers and volumes of the elements of each phase, and the quality of tetrahedra.

@@ -195,7 +195,8 @@ impl PackingFile {
     pub(super) fn model(&self) -> Model<'_> {
         let model = Model::new(&self.request.specimen, &self.grains)
             .with_distance(self.request.distance)
-            .with_materials(self.request.materials.as_ref());
+            .with_materials(self.request.materials.as_ref())
+            .with_mesher(&crate::gmsh::Installed);
         Model { provenance: self.provenance.as_ref(), ..model }
     }
 }

@@ -21,6 +21,7 @@ use crate::atomic_file::write_buffered;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
 use crate::exports::distance_kept;
 use crate::formats::ResultFormat;
+use crate::gmsh::{self, GmshOptions};
 use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::{PlotError, draw};
@@ -63,6 +64,8 @@ pub(super) struct Options {
     /// for each core]
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
+    #[command(flatten)]
+    gmsh: GmshOptions,
     #[command(flatten)]
     input: Input,
     #[command(flatten)]
@@ -111,6 +114,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let templates = TemplateCache::default();
     let plan = templates.plan(&packing_request, &limits).map_err(|error| refused(&options.job, &error))?;
     warn(&plan.warnings);
+    gmsh::set(options.gmsh.clone());
     let files = Files::of(options, &request)?;
     for output in &files.exports {
         output.check(&packing_request, &limits)?;
@@ -258,7 +262,8 @@ impl Files {
         let model = Model::new(&request.specimen, &packing.grains)
             .with_distance(distance_kept(&head))
             .with_provenance(&provenance)
-            .with_materials(request.materials.as_ref());
+            .with_materials(request.materials.as_ref())
+            .with_mesher(&gmsh::Installed);
         if let Some(file) = self.picture.as_ref().filter(|file| !kept.has(file)) {
             exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }

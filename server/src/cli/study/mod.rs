@@ -36,6 +36,7 @@ use crate::config::{
     DEFAULT_CHECKPOINT_EVERY_S, cores, default_memory_bytes, seconds_or_none, threads_of_one,
 };
 use crate::formats::ResultFormat;
+use crate::gmsh::{self, GmshOptions};
 use crate::jobs::request::draw_seed;
 use crate::studies::shards::Shard;
 use crate::studies::stop::Tally;
@@ -85,6 +86,8 @@ pub(super) struct Options {
     #[command(flatten)]
     parts: Parts,
     #[command(flatten)]
+    gmsh: GmshOptions,
+    #[command(flatten)]
     input: Input,
     /// Seconds between two checkpoints of a long run; 0 keeps one at every opportunity
     #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
@@ -125,6 +128,7 @@ impl Options {
 }
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
+    gmsh::set(options.gmsh.clone());
     match (options.parts.shard, options.parts.slurm_script) {
         (Some(shard), _) => shards::run(options, shard),
         (None, Some(width)) => script::run(options, width),

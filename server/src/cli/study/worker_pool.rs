@@ -388,7 +388,8 @@ impl WorkerPool<'_> {
         let model = Model::new(&job.specimen, grains)
             .with_distance(distance_kept(head))
             .with_provenance(&provenance)
-            .with_materials(job.materials.as_ref());
+            .with_materials(job.materials.as_ref())
+            .with_mesher(&crate::gmsh::Installed);
         for (_, export) in items {
             let file = folder.join(names.of_export(export));
             exports::write(export, &model, &self.limits, &control, &file)?;

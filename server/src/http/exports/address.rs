@@ -18,6 +18,7 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
 use crate::base_path;
 use crate::exports::{NewExport, estimates};
 use crate::failure::FailureCode;
+use crate::gmsh;
 use crate::http::app::App;
 use crate::http::files::FileName;
 #[cfg(test)]
@@ -168,6 +169,7 @@ impl Target {
             })?;
             export
                 .check(&packed.specimen, &shared.limits)
+                .and_then(|()| gmsh::check(&export))
                 .map_err(|error| Problem::from(error).of_parameters(str::to_owned))?;
             export
                 .check_materials(&packed.packing())

@@ -1,0 +1,280 @@
+//! Reads the tetrahedra of a packing out of a file of Gmsh: MSH 4.1, text or binary, as Gmsh 4.8 to 4.15 write it.
+//!
+//! The physical groups of volumes are the phases, those of surfaces the faces of the specimen and `itz`, the interface.
+//! Volumes beside the matrix are grains, in the order of their tags. Every number of the file is checked.
+
+mod assembly;
+mod source;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+
+use std::io::{self, Read};
+
+use nalgebra::Vector3;
+
+use super::SolidMesh;
+use crate::control::Control;
+use crate::export::{ExportError, go_on};
+use crate::memory::{OutOfMemory, make_room};
+use source::Source;
+
+/// Why a file is no mesh of a packing.
+#[derive(Debug, thiserror::Error)]
+pub enum MshError {
+    /// It cannot be read.
+    #[error("{0}")]
+    Io(#[from] io::Error),
+    /// A section is damaged, or has what no mesh of a packing has.
+    #[error("section {section}: {what}")]
+    Damaged {
+        /// Name of the section.
+        section: String,
+        /// What is wrong.
+        what: String,
+    },
+    /// The system refused memory.
+    #[error(transparent)]
+    OutOfMemory(#[from] OutOfMemory),
+    /// It was told to stop.
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Elements or nodes between two looks at whether to stop.
+const PER_LOOK: u64 = 1 << 12;
+/// Most elements of a dimension in a file, for room that is reserved by what the file states.
+const MOST_AT_ONCE: u64 = 1 << 16;
+
+/// An entity of a dimension with its physical groups.
+struct Entity {
+    dimension: u8,
+    tag: i32,
+    physical: Vec<i32>,
+}
+
+/// What a file has, as it is written.
+#[derive(Default)]
+struct Contents {
+    /// Physical groups: dimension, tag and name.
+    names: Vec<(u8, i32, String)>,
+    entities: Vec<Entity>,
+    node_tags: Vec<u64>,
+    nodes_mm: Vec<Vector3<f64>>,
+    /// Nodes of an element: 4 or 10; 0 before the first tetrahedron.
+    per_tetrahedron: usize,
+    /// Nodes of the tetrahedra.
+    tetrahedra: Vec<u64>,
+    /// Tag of the volume, and the number of its tetrahedra.
+    volumes: Vec<(i32, usize)>,
+    /// Nodes of a triangle: 3 or 6.
+    per_triangle: usize,
+    triangles: Vec<u64>,
+    surfaces: Vec<(i32, usize)>,
+}
+
+/// Reads a file. Nodes without a tetrahedron are left out; tetrahedra are put in the order of the phases.
+///
+/// # Errors
+/// See [`MshError`].
+pub fn read(input: impl Read, control: &dyn Control) -> Result<SolidMesh, MshError> {
+    let mut source = Source::new(input);
+    let mut contents = Contents::default();
+    format(&mut source)?;
+    while let Some(line) = source.next_line()? {
+        let Some(section) = line.strip_prefix('$') else {
+            return Err(source.fault(format!("{line:?} stands between two sections")));
+        };
+        source.section = section.to_owned();
+        match section {
+            "PhysicalNames" => physical_names(&mut source, &mut contents)?,
+            "Entities" => entities(&mut source, &mut contents)?,
+            "Nodes" => nodes(&mut source, &mut contents, control)?,
+            "Elements" => elements(&mut source, &mut contents, control)?,
+            _ => {
+                source.skip()?;
+                continue;
+            }
+        }
+        source.end()?;
+    }
+    assembly::assembled(contents)
+}
+
+fn format<R: Read>(source: &mut Source<R>) -> Result<(), MshError> {
+    if source.next_line()?.as_deref() != Some("$MeshFormat") {
+        return Err(source.fault("the file does not begin with $MeshFormat"));
+    }
+    let line = source.next_line()?.unwrap_or_default();
+    let fields: Vec<&str> = line.split_whitespace().collect();
+    source.is_text = match fields[..] {
+        ["4.1", "0", "8"] => true,
+        ["4.1", "1", "8"] => false,
+        _ => return Err(source.fault(format!("the format {line:?} is not MSH 4.1 with numbers of 8 bytes"))),
+    };
+    if !source.is_text && source.int()? != 1 {
+        return Err(source.fault("the order of bytes is another"));
+    }
+    source.end()
+}
+
+fn physical_names<R: Read>(source: &mut Source<R>, contents: &mut Contents) -> Result<(), MshError> {
+    let count: usize = source
+        .next_line()?
+        .and_then(|line| line.parse().ok())
+        .ok_or_else(|| source.fault("the number of groups is missing"))?;
+    for _ in 0..count {
+        let line = source.next_line()?.unwrap_or_default();
+        let mut parts = line.splitn(3, char::is_whitespace);
+        let mut number = || parts.next()?.parse::<i32>().ok();
+        let (dimension, tag) = (number(), number());
+        let name = parts.next().and_then(|name| name.trim().strip_prefix('"')?.strip_suffix('"'));
+        match (dimension.and_then(|d| u8::try_from(d).ok()), tag, name) {
+            (Some(dimension), Some(tag), Some(name)) => {
+                contents.names.push((dimension, tag, name.to_owned()))
+            }
+            _ => return Err(source.fault(format!("{line:?} is no name of a group"))),
+        }
+    }
+    Ok(())
+}
+
+fn entities<R: Read>(source: &mut Source<R>, contents: &mut Contents) -> Result<(), MshError> {
+    let mut counts = [0; 4];
+    for count in &mut counts {
+        *count = source.size()?;
+    }
+    for (dimension, count) in (0_u8..).zip(counts) {
+        for _ in 0..count {
+            let tag = source.int()?;
+            for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                source.double()?;
+            }
+            let mut physical = Vec::new();
+            for _ in 0..source.size()? {
+                physical.push(source.int()?);
+            }
+            if dimension > 0 {
+                for _ in 0..source.size()? {
+                    source.int()?;
+                }
+            }
+            make_room(&mut contents.entities, 1)?;
+            contents.entities.push(Entity { dimension, tag, physical });
+        }
+    }
+    Ok(())
+}
+
+fn nodes<R: Read>(
+    source: &mut Source<R>,
+    contents: &mut Contents,
+    control: &dyn Control,
+) -> Result<(), MshError> {
+    let blocks = source.size()?;
+    for _ in 0..3 {
+        source.size()?;
+    }
+    for _ in 0..blocks {
+        let (dimension, _, parametric) = (source.int()?, source.int()?, source.int()?);
+        if !(0..=3).contains(&dimension) {
+            return Err(source.fault(format!("{dimension} is no dimension")));
+        }
+        let count = source.size()?;
+        for number in 0..count {
+            look(number, control)?;
+            make_room_for(&mut contents.node_tags, count - number)?;
+            contents.node_tags.push(source.size()?);
+        }
+        for number in 0..count {
+            look(number, control)?;
+            let point = Vector3::new(source.double()?, source.double()?, source.double()?);
+            if point.iter().any(|x| !x.is_finite()) {
+                return Err(source.fault("a coordinate is not finite"));
+            }
+            if parametric != 0 {
+                for _ in 0..dimension {
+                    source.double()?;
+                }
+            }
+            make_room_for(&mut contents.nodes_mm, count - number)?;
+            contents.nodes_mm.push(point);
+        }
+    }
+    Ok(())
+}
+
+fn elements<R: Read>(
+    source: &mut Source<R>,
+    contents: &mut Contents,
+    control: &dyn Control,
+) -> Result<(), MshError> {
+    let blocks = source.size()?;
+    for _ in 0..3 {
+        source.size()?;
+    }
+    for _ in 0..blocks {
+        let (_, tag, kind) = (source.int()?, source.int()?, source.int()?);
+        let count = source.size()?;
+        // Points and lines have no place in a solid mesh.
+        let (per_element, list, per_list, blocks) = match kind {
+            15 => (1, None, None, None),
+            1 => (2, None, None, None),
+            8 => (3, None, None, None),
+            2 | 9 => (
+                if kind == 2 { 3 } else { 6 },
+                Some(&mut contents.triangles),
+                Some(&mut contents.per_triangle),
+                Some(&mut contents.surfaces),
+            ),
+            4 | 11 => (
+                if kind == 4 { 4 } else { 10 },
+                Some(&mut contents.tetrahedra),
+                Some(&mut contents.per_tetrahedron),
+                Some(&mut contents.volumes),
+            ),
+            _ => {
+                return Err(
+                    source.fault(format!("elements of the kind {kind} are no tetrahedra or triangles"))
+                );
+            }
+        };
+        if let Some(per_list) = per_list {
+            if *per_list != 0 && *per_list != per_element {
+                return Err(source.fault("elements have several orders"));
+            }
+            *per_list = per_element;
+        }
+        let mut list = list;
+        for number in 0..count {
+            look(number, control)?;
+            source.size()?;
+            for _ in 0..per_element {
+                let node = source.size()?;
+                if let Some(list) = &mut list {
+                    make_room_for(list, (count - number).saturating_mul(per_element as u64))?;
+                    list.push(node);
+                }
+            }
+        }
+        if let Some(blocks) = blocks {
+            blocks.push((tag, count as usize));
+        }
+    }
+    Ok(())
+}
+
+/// Room for elements that are to come, by what a file states of their number.
+fn make_room_for<T>(list: &mut Vec<T>, left: u64) -> Result<(), OutOfMemory> {
+    if list.len() == list.capacity() {
+        make_room(list, left.clamp(1, MOST_AT_ONCE.max(list.len() as u64)) as usize)?;
+    }
+    Ok(())
+}
+
+fn look(number: u64, control: &dyn Control) -> Result<(), MshError> {
+    if number.is_multiple_of(PER_LOOK) {
+        go_on(control).map_err(|_: ExportError| MshError::Stopped)?;
+    }
+    Ok(())
+}

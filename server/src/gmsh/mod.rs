@@ -1,0 +1,172 @@
+//! Gmsh, the program that fills the surfaces of grains with tetrahedra.
+//!
+//! It is found as `--gmsh` or `PACKSTONE_GMSH` names it, on the `PATH`, or as the module `gmsh` of `python3`, and runs
+//! in a process of its own with limits of time and memory. What asks for tetrahedra (the command line, the export workers,
+//! the Python package) gives the engine [`Installed`].
+
+mod find;
+mod folder;
+mod run;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+
+use std::io::{BufWriter, Write as _};
+use std::path::PathBuf;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use clap::Args;
+use packstone_engine::Control;
+use packstone_engine::export::mesh::tetrahedra::{FilledSurfaces, MesherInput, SIZES, SURFACES};
+use packstone_engine::export::{ExportError, ExportRequest, TetrahedronMesher};
+
+use crate::memory;
+use find::Program;
+use folder::Folder;
+use run::Limits;
+
+/// Seconds of a run of Gmsh.
+const DEFAULT_TIMEOUT_S: f64 = 3600.0;
+/// Share of the machine's memory that a run of Gmsh may take.
+const MEMORY_SHARE: f64 = 0.8;
+/// Memory of a run where that of the machine is unknown.
+const DEFAULT_MEMORY_BYTES: u64 = 8 << 30;
+/// Name of the file of tetrahedra without its ending.
+const FILLED: &str = "filled";
+/// Name of the script.
+const SCRIPT: &str = "fill.geo";
+
+/// Options of commands that make tetrahedra.
+#[derive(Args, Clone, Debug, Default)]
+pub(crate) struct GmshOptions {
+    /// Gmsh, which makes tetrahedra: the program, or a Python that has the module gmsh [default: `gmsh` on the PATH,
+    /// else the module gmsh of python3]
+    #[arg(long, env = "PACKSTONE_GMSH", value_name = "FILE")]
+    gmsh: Option<PathBuf>,
+    /// Longest run of Gmsh, in seconds [default: 3600]
+    #[arg(long, env = "PACKSTONE_GMSH_TIMEOUT_S", value_name = "SECONDS", value_parser = seconds)]
+    gmsh_timeout_s: Option<f64>,
+    /// Most memory of a run of Gmsh, in MiB [default: four fifths of the machine's]
+    #[arg(long, env = "PACKSTONE_GMSH_MEMORY_MIB", value_name = "MIB", value_parser = clap::value_parser!(u64).range(1..))]
+    gmsh_memory_mib: Option<u64>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("{text:?} is no number"))?;
+    if value > 0.0 && value <= 1e7 { Ok(value) } else { Err(format!("{text} is out of range: 0 < s <= 1e7")) }
+}
+
+static OPTIONS: OnceLock<GmshOptions> = OnceLock::new();
+
+/// The Python that the process runs in, where it is one.
+static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
+
+/// The program that was found, with its version.
+static FOUND: Mutex<Option<(Program, String)>> = Mutex::new(None);
+
+/// Sets the options of the process, once.
+pub(crate) fn set(options: GmshOptions) {
+    let _ = OPTIONS.set(options);
+}
+
+/// Names the Python that the process runs in: its module `gmsh` comes first where nothing else is named.
+pub(crate) fn set_interpreter(python: PathBuf) {
+    let _ = INTERPRETER.set(python);
+}
+
+/// The options of the process; where no command line has set them, those of the environment.
+fn options() -> &'static GmshOptions {
+    OPTIONS.get_or_init(|| {
+        let variable = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
+        GmshOptions {
+            gmsh: variable("PACKSTONE_GMSH").map(PathBuf::from),
+            gmsh_timeout_s: variable("PACKSTONE_GMSH_TIMEOUT_S").and_then(|text| seconds(&text).ok()),
+            gmsh_memory_mib: variable("PACKSTONE_GMSH_MEMORY_MIB").and_then(|text| text.parse().ok()),
+        }
+    })
+}
+
+impl GmshOptions {
+    fn limits(&self) -> Limits {
+        let by_default = || {
+            memory::total_bytes().map_or(DEFAULT_MEMORY_BYTES, |total| (total as f64 * MEMORY_SHARE) as u64)
+        };
+        Limits {
+            time: Duration::from_secs_f64(self.gmsh_timeout_s.unwrap_or(DEFAULT_TIMEOUT_S)),
+            memory_bytes: self.gmsh_memory_mib.map_or_else(by_default, |mib| mib.saturating_mul(1 << 20)),
+        }
+    }
+}
+
+/// Refuses an export that needs Gmsh where there is none.
+///
+/// # Errors
+/// [`ExportError::Unavailable`]: how to install it.
+pub(crate) fn check(export: &ExportRequest) -> Result<(), ExportError> {
+    if export.needs_mesher() { Installed.version().map(|_| ()) } else { Ok(()) }
+}
+
+/// What decides the bytes of an export beside the packing, its options and this program: the version of Gmsh.
+pub(crate) fn key_of(export: &ExportRequest) -> Option<String> {
+    export.needs_mesher().then(|| Installed.version().unwrap_or_else(|_| "none".into()))
+}
+
+/// The Gmsh of this machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Installed;
+
+impl Installed {
+    fn found() -> Result<(Program, String), ExportError> {
+        let mut found = FOUND.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = &*found {
+            return Ok(known.clone());
+        }
+        // One that was not found may be installed while the process runs.
+        Ok(found
+            .insert(find::find(options().gmsh.as_deref(), INTERPRETER.get().map(PathBuf::as_path))?)
+            .clone())
+    }
+}
+
+impl TetrahedronMesher for Installed {
+    fn version(&self) -> Result<String, ExportError> {
+        Ok(format!("Gmsh {}", Self::found()?.1))
+    }
+
+    fn fill(
+        &self,
+        input: MesherInput<'_>,
+        control: &dyn Control,
+    ) -> Result<Box<dyn FilledSurfaces>, ExportError> {
+        let (program, _) = Self::found()?;
+        fill(&program, &options().limits(), input, control)
+    }
+}
+
+/// Runs a program on the surfaces.
+fn fill(
+    program: &Program,
+    limits: &Limits,
+    input: MesherInput<'_>,
+    control: &dyn Control,
+) -> Result<Box<dyn FilledSurfaces>, ExportError> {
+    let folder = Folder::new()?;
+    let mut surfaces = BufWriter::new(folder.create(SURFACES)?);
+    (input.surfaces)(&mut surfaces)?;
+    surfaces.flush()?;
+    drop(surfaces);
+    folder.create(SCRIPT)?.write_all(input.script.as_bytes())?;
+    if let Some(sizes) = input.sizes {
+        folder.create(SIZES)?.write_all(sizes)?;
+    }
+    let file = format!("{FILLED}.msh");
+    run::run(program, &["-3", SCRIPT, "-o", &file, "-bin", "-nt", "1"], &folder, limits, control)?;
+    folder.expect(&file)?;
+    if let Some(ending) = input.also {
+        let other = format!("{FILLED}.{ending}");
+        run::run(program, &[&file, "-save", "-o", &other], &folder, limits, control)?;
+        folder.expect(&other)?;
+    }
+    Ok(Box::new(folder))
+}
