@@ -132,7 +132,8 @@ pub(super) fn phases<'a>(
         match material {
             Some(material) => phases.push(Phase { name, material }),
             None => {
-                missing.push(FieldError::new(place(name, ""), "is missing: every phase must have a material"))
+                missing
+                    .push(FieldError::new(place(name, ""), "is missing: every phase must have a material"));
             }
         }
     }
@@ -277,7 +278,7 @@ mod tests {
         // K = E / 3 (1 - 2 nu) = 25 / 1.8, G = E / 2 (1 + nu) = 25 / 2.4
         let [bulk, shear] = *moduli[0].as_ref().unwrap();
         assert!(
-            (bulk - 13.888_888_888_888_889).abs() < 1e-14 && (shear - 10.416_666_666_666_666).abs() < 1e-14
+            (bulk - 13.888_888_888_888_89).abs() < 1e-14 && (shear - 10.416_666_666_666_666).abs() < 1e-14
         );
         assert_eq!(moduli[1].as_ref().unwrap_err().pointer, "/materials/basalt/poissons_ratio");
         assert_eq!(moduli[2], Ok([0.0, 0.0]));

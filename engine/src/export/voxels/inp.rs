@@ -137,7 +137,7 @@ pub(super) fn bytes(grid: &VoxelGrid, grains: &Interfaces) -> u64 {
     let side = [nx * ny, ny * nz, nz * nx].into_iter().sum::<f64>() * 2.0;
     let lines_of_faces = side * (of_node + 1.0 + of_element + 5.0);
     let [dx, dy, dz] = grid.spacing_mm;
-    let faces = grains.faces_per_voxel((dx * dy * dz).cbrt());
+    let faces = grains.faces_per_voxel(elementary::cbrt(dx * dy * dz));
     // A set of elements and of a face has its numbers, a face's with `, S1`.
     let sets = if grains.has_sets { grains.fraction * (of_element + 1.0) } else { 0.0 };
     let lines_of_phases = voxels * (faces * (of_element + 5.0) + sets);
