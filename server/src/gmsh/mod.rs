@@ -1,8 +1,8 @@
 //! Gmsh, the program that fills the surfaces of grains with tetrahedra.
 //!
 //! It is found as `--gmsh` or `PACKSTONE_GMSH` names it, on the `PATH`, or as the module `gmsh` of `python3`, and runs
-//! in a process of its own with limits of time and memory. What asks for tetrahedra (the command line, the export workers,
-//! the Python package) gives the engine [`Installed`].
+//! in a process of its own with limits of time and memory. What asks for tetrahedra (the command line, the export
+//! workers, the Python package) gives the engine [`Installed`].
 
 mod find;
 mod folder;

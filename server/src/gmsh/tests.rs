@@ -12,7 +12,7 @@ use super::*;
 /// A shell script in Gmsh's place.
 fn script(folder: &Path, text: &str) -> Program {
     let file = folder.join("gmsh");
-    // Another process writes it: a file that this one has open for writing while another thread starts a program is busy.
+    // Another process writes it: a file that this one has open while another thread starts a program is busy.
     let mut writer = std::process::Command::new("sh");
     writer.args(["-c", "printf '%s' \"$2\" >\"$1\" && chmod 755 \"$1\"", "sh"]);
     assert!(writer.arg(&file).arg(format!("#!/bin/sh\n{text}\n")).status().unwrap().success());

@@ -2,9 +2,10 @@
 //! its faces.
 //!
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
-//! grains that do not touch do not touch either; `tetrahedra` fills them by a program that the caller gives. Methods: `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their
-//! images), `polyhedron` and `facets`, `surface` (refinement), `surfaces` (all of a packing, on several threads),
-//! `size` (length of edges), `grain` (volume), `estimate` (triangles and bytes beforehand).
+//! grains that do not touch do not touch either; [`tetrahedra`] fills them by a program that the caller gives. Methods:
+//! `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their images), `polyhedron` and `facets`, `surface`
+//! (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `grain` (volume),
+//! `estimate` (triangles and bytes beforehand).
 
 mod bodies;
 mod curved;

@@ -76,8 +76,8 @@ pub(super) fn write_mesh(
 /// 10.1002/nme.5987), in place of the default: it leaves no flat tetrahedra in ellipsoids, and takes a third of the
 /// time (`docs/meshes.md`).
 ///
-/// The last two lines are for files for Abaqus (`-o model.inp`): elements of volumes alone with a set for each group, and
-/// a set of nodes for each group of surfaces. Gmsh 4.9 and later knows them.
+/// The last two lines are for files for Abaqus (`-o model.inp`): elements of volumes alone with a set for each group,
+/// and a set of nodes for each group of surfaces. Gmsh 4.15 knows them, 4.8 does not.
 ///
 /// Gmsh leaves alone what it finds wholly discrete, volumes included, and nothing within an MSH file can tell
 /// it otherwise.
