@@ -16,8 +16,8 @@ use crate::problem::{Kind, Problem};
 ///
 /// The script that opens the file of an export in its program: beside a mesh for Gmsh (`format=msh`), under the name
 /// that this answer gives it, it makes `gmsh -3 NAME.msh.geo -o model.msh` (or `model.inp`) fill the mesh with
-/// tetrahedra. Gmsh ends without an error and without tetrahedra where it is given the mesh alone. Other exports need no
-/// script (404).
+/// tetrahedra. Gmsh ends without an error and without tetrahedra where it is given the mesh alone. Other exports need
+/// no script (404).
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/jobs/{id}/exports/{type}/script", tag = "exports", operation_id = "get_export_script",
     params(ExportPath, ExportOptions),
