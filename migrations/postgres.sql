@@ -367,6 +367,8 @@ create table exports (
     kept             boolean          not null,
     -- Made in a moment: need not wait behind long ones.
     quick            boolean          not null,
+    -- Takes as long as a packing, and the request of the job asked for it: made in the slots of packings.
+    heavy            boolean          not null default false,
     -- 0 where a client requested it, 1 where the request of the job did: no client waits for that.
     rank             bigint           not null,
     state            text collate "C" not null check (state in ('queued', 'running', 'succeeded', 'failed')),
@@ -398,6 +400,11 @@ create table exports (
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
     max_attempts     bigint           not null default 3,
+    -- Name of the worker process that makes or made it, and of its API key; empty for this server's own.
+    worker           text collate "C" not null default '',
+    worker_key       text collate "C" not null default '',
+    -- ID of the request of that process.
+    claim            text collate "C",
     -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
     -- it is set up with checksums.
     row_text text generated always as (null) stored,
@@ -407,8 +414,10 @@ create table exports (
 
 create unique index exports_by_key on exports (job, key);
 create index exports_by_job on exports (job, seq);
--- The next export to make is the first record of this index.
-create index exports_queue on exports (rank, seq) where state = 'queued';
+-- The next export to make is the first record of this index; of those that are made in the slots of packings, of the
+-- index after it.
+create index exports_queue on exports (rank, seq) where state = 'queued' and not heavy;
+create index exports_heavy on exports (rank, seq) where state = 'queued' and heavy;
 create index exports_quick on exports (rank, seq) where state = 'queued' and quick;
 create index exports_running on exports (seq) where state = 'running';
 create index exports_leases on exports (lease_expires_at) where state = 'running';

@@ -394,6 +394,8 @@ create table exports (
     kept             integer not null,
     -- Made in a moment: need not wait behind long ones.
     quick            integer not null,
+    -- Takes as long as a packing, and the request of the job asked for it: made in the slots of packings.
+    heavy            integer not null default 0,
     -- 0 where a client requested it, 1 where the request of the job did: no client waits for that.
     rank             integer not null,
     state            text    not null check (state in ('queued', 'running', 'succeeded', 'failed')),
@@ -425,14 +427,19 @@ create table exports (
     -- The last attempt that a stop of the server may end: one that does not count raises it, so that no two runs have
     -- the same number.
     max_attempts     integer not null default 3,
+    -- Name of the worker process that makes or made it, and of its API key; empty for this server's own.
+    worker           text    not null default '',
+    worker_key       text    not null default '',
+    -- ID of the request of that process.
+    claim            text,
     -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
     -- has changed is found where the row is read.
     row_text text generated always as (case when finished_at is not null then
         format(
-            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
-            id, job, key, type, options, kept, quick, rank, state, attempt, version, progress, path, bytes, sha256,
-            report, error, created_at, started_at, finished_at, updated_at, used_at, not_before, faults, owner,
-            lease_expires_at, max_attempts
+            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            id, job, key, type, options, kept, quick, heavy, rank, state, attempt, version, progress, path, bytes,
+            sha256, report, error, created_at, started_at, finished_at, updated_at, used_at, not_before, faults, owner,
+            lease_expires_at, max_attempts, worker, worker_key, claim
         )
     end) virtual,
     row_copy text generated always as (row_text) stored,
@@ -441,8 +448,10 @@ create table exports (
 
 create unique index exports_by_key on exports (job, key);
 create index exports_by_job on exports (job, seq);
--- The next export to make is the first record of this index.
-create index exports_queue on exports (rank, seq) where state = 'queued';
+-- The next export to make is the first record of this index; of those that are made in the slots of packings, of the
+-- index after it.
+create index exports_queue on exports (rank, seq) where state = 'queued' and not heavy;
+create index exports_heavy on exports (rank, seq) where state = 'queued' and heavy;
 create index exports_quick on exports (rank, seq) where state = 'queued' and quick;
 create index exports_running on exports (seq) where state = 'running';
 create index exports_leases on exports (lease_expires_at) where state = 'running';

@@ -40,6 +40,7 @@ mod finishing;
 mod formats;
 mod gradient;
 mod growth;
+mod heavy_exports;
 mod hostile;
 mod idempotency;
 mod idle_workers;

@@ -129,7 +129,7 @@ async fn every_route_reads_the_parameters_that_it_is_documented_with() {
         let id = if path.starts_with("/v1/studies") { id_of(&study) } else { id_of(&job) };
         let kind = if path.starts_with("/v1/studies") { "success" } else { "grading" };
         let path =
-            path.replace("{id}", id).replace("{kind}", kind).replace("{job}", id).replace("{attempt}", "1");
+            path.replace("{id}", id).replace("{kind}", kind).replace("{task}", id).replace("{attempt}", "1");
         let parameters = operation.get("parameters").and_then(Value::as_array);
         let mut documented: Vec<&str> = parameters
             .into_iter()

@@ -336,7 +336,7 @@ async fn requests_may_be_repeated_and_nothing_but_the_result_is_taken() {
     assert_eq!(leased().await, first, "the answer was lost");
     client.post("/v1/leases").json(&claim("b", &build)).send().await.expect(204);
     let lease = format!("/v1/leases/{id}/1");
-    let renewals = json!({"renewals": [{"job": id, "attempt": 1}, {"job": id, "attempt": 2}]});
+    let renewals = json!({"renewals": [{"task": id, "attempt": 1}, {"task": id, "attempt": 2}]});
     let renewed = client.post("/v1/leases/renewals").json(&renewals).send().await.expect(200).json();
     let states = [0, 1].map(|i| renewed["leases"][i]["state"].clone());
     assert_eq!(states, ["running", "lost"]);

@@ -36,6 +36,32 @@ ids! {
     StudyId
     /// Name of something made of a result.
     ExportId
+    /// Name of a job or an export, as a lease has it.
+    TaskId
+}
+
+impl TaskId {
+    /// The job of that name.
+    pub(crate) fn job(self) -> JobId {
+        JobId(self.0)
+    }
+
+    /// The export of that name.
+    pub(crate) fn export(self) -> ExportId {
+        ExportId(self.0)
+    }
+}
+
+impl From<JobId> for TaskId {
+    fn from(JobId(id): JobId) -> Self {
+        Self(id)
+    }
+}
+
+impl From<ExportId> for TaskId {
+    fn from(ExportId(id): ExportId) -> Self {
+        Self(id)
+    }
 }
 
 #[cfg(test)]

@@ -25,7 +25,7 @@ use crate::disk::{Disk, Elsewhere};
 use crate::exports::making::Exports;
 use crate::http::{self, App, OperatorFiles};
 use crate::http_server::{self, ConnectionLimits};
-use crate::jobs::store::{Database, NoDatabase, Store, StoreError, StoreLimits, Unusable};
+use crate::jobs::store::{Database, ExportQueue, NoDatabase, Store, StoreError, StoreLimits, Unusable};
 use crate::jobs::sweeper::{self, SweepError};
 use crate::memory;
 use crate::metrics::Metrics;
@@ -37,7 +37,9 @@ use crate::webhooks;
 use crate::webhooks::sender::WebhookSender;
 use crate::webhooks::signature::{SecretsError, SecretsFile};
 use crate::workers::executor::Executor;
+use crate::workers::heard::Heard;
 use crate::workers::here::Here;
+use crate::workers::in_slots::InSlots;
 use crate::workers::packing::{Packings, Source};
 use crate::workers::slots::Slots;
 
@@ -113,7 +115,7 @@ pub(crate) enum StartError {
 /// An opened service, not yet serving.
 pub(crate) struct Service {
     app: App,
-    executor: Executor<Packings>,
+    executor: Executor<InSlots>,
     here: Here,
     listener: TcpListener,
     connections: Arc<Semaphore>,
@@ -221,12 +223,12 @@ impl Service {
         let here = Here { store, storage, limits, max_run_s: options.max_run_s };
         let source = Source::Here(here.clone());
         let slots = Slots::new(options.workers());
-        let templates = Arc::default();
-        let packings = Packings { source, slots, artifacts, checkpoints, disk, metrics, templates };
+        let packings = Packings { source, artifacts, checkpoints, disk, metrics, templates: Arc::default() };
+        let in_slots = in_slots(packings, slots, options.export_cache_bytes);
         let connected = Arc::clone(&connections);
         let files = OperatorFiles { accounts, webhook_secrets, audit };
-        let app = App::new(&options, &packings, shutdown.clone(), &here, files.clone(), connected);
-        let executor = Executor { kind: packings, shutdown };
+        let app = App::new(&options, &in_slots, shutdown.clone(), &here, files.clone(), connected);
+        let executor = Executor { kind: in_slots, shutdown };
         let reload = Arc::default();
         let folders = OpenFiles::of(folders_of(&options)).map_err(data_dir)?;
         Ok(Self { app, executor, here, listener, connections, options, files, reload, folders, _lock: lock })
@@ -260,7 +262,13 @@ impl Service {
         let checks = tasks::spawn(app.shared.checks.clone().run());
         tasks::spawn(watch_settings(files.clone(), reload, shutdown.clone()));
         tasks::spawn(memory::release_regularly(shutdown.clone()));
-        let workers = tasks::spawn(work(executor, here, options.clone(), files.webhook_secrets));
+        let workers = tasks::spawn(work(
+            executor,
+            here,
+            options.clone(),
+            files.webhook_secrets,
+            app.shared.heard.clone(),
+        ));
         let audit = files.audit;
         app.set_ready(true);
         let watched = tasks::spawn(watch_store(store.clone(), folders, shutdown.clone()));
@@ -299,15 +307,24 @@ impl Service {
     }
 }
 
+/// What runs in the slots: packings, and the exports that take as long.
+fn in_slots(packings: Packings, slots: Slots, cache_bytes: u64) -> InSlots {
+    let Packings { source, artifacts, disk, metrics, .. } = &packings;
+    let (source, artifacts, disk) = (source.clone(), artifacts.clone(), disk.clone());
+    let exports = Exports::in_slots(source, artifacts, disk, Arc::clone(metrics), cache_bytes);
+    InSlots { packings, exports, slots }
+}
+
 /// Runs the workers, the export workers, the sweeper and the task that sends webhooks to their end. The first sweep
 /// comes before the first job: what it finds is from an earlier life, and no attempt of this one has the same name yet.
 async fn work(
-    executor: Executor<Packings>,
+    executor: Executor<InSlots>,
     here: Here,
     options: ServeOptions,
     webhook_secrets: Option<Arc<SecretsFile>>,
+    heard: Heard,
 ) {
-    let Executor { kind: packings, shutdown } = &executor;
+    let Executor { kind: InSlots { packings, exports, .. }, shutdown } = &executor;
     let rules = options.sweep_rules();
     if let Err(error) = sweeper::sweep(&here.store, &packings.artifacts, &packings.checkpoints, rules).await {
         tracing::error!(%error, "the first sweep failed");
@@ -342,21 +359,14 @@ async fn work(
     if packings.artifacts.are_shared() {
         run(Box::pin(places::watch(packings.artifacts.clone(), shutdown.clone())));
     }
-    let exports = |quick| Executor {
-        kind: Exports {
-            here: here.clone(),
-            artifacts: packings.artifacts.clone(),
-            disk: packings.disk.clone(),
-            metrics: Arc::clone(&packings.metrics),
-            cache_bytes: options.export_cache_bytes,
-            quick,
-        },
-        shutdown: shutdown.clone(),
-    };
+    let has_slots = options.workers() > 0;
     for _ in 0..options.export_workers {
-        run(Box::pin(exports(false).work()));
+        let heard = (!has_slots).then(|| heard.clone());
+        let kind = Exports { queue: ExportQueue::Usual, heard, ..exports.clone() };
+        run(Box::pin(Executor { kind, shutdown: shutdown.clone() }.work()));
     }
-    run(Box::pin(exports(true).work()));
+    let kind = Exports { queue: ExportQueue::Quick, ..exports.clone() };
+    run(Box::pin(Executor { kind, shutdown: shutdown.clone() }.work()));
     for _ in 0..options.workers() {
         run(Box::pin(executor.clone().work()));
     }

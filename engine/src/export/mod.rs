@@ -8,6 +8,7 @@ pub mod catalog;
 pub mod certificates;
 mod digits;
 mod groups;
+mod judge;
 pub mod ldpm;
 mod materials;
 pub mod mesh;

@@ -142,10 +142,13 @@ impl Artifacts {
         self.claim(id, attempt, EXPORT)
     }
 
-    /// Two digits of the id's random end keep the folders small.
+    /// The path of the result of an attempt, relative to the folder.
+    pub(crate) fn path_of_result(id: &str, attempt: i64) -> String {
+        path_of(id, attempt, RESULT)
+    }
+
     fn claim(&self, id: &str, attempt: i64, ending: &str) -> InFlight {
-        let fan = &id[id.len().saturating_sub(2)..];
-        let path = format!("{fan}/{id}.{attempt}{ending}");
+        let path = path_of(id, attempt, ending);
         self.in_flight.lock().unwrap_or_else(PoisonError::into_inner).insert(path.clone());
         InFlight { path, in_flight: Arc::clone(&self.in_flight) }
     }
@@ -301,6 +304,12 @@ impl Artifacts {
         let (artifacts, path) = (self.clone(), path.to_owned());
         Arc::new(move || artifacts.forget(&path))
     }
+}
+
+/// Two digits of the id's random end keep the folders small.
+fn path_of(id: &str, attempt: i64, ending: &str) -> String {
+    let fan = &id[id.len().saturating_sub(2)..];
+    format!("{fan}/{id}.{attempt}{ending}")
 }
 
 /// The name of the blob of a file.

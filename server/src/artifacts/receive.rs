@@ -1,18 +1,22 @@
 //! Taking in results that a worker has made in another process.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
 use std::sync::Arc;
 
 use bytes::Bytes;
+use packstone_engine::export::ExportReport;
 use packstone_engine::export::tables::{EngineInfo, GrainSource as _, stored};
 use packstone_engine::{Report, Unattended};
 use serde_json::{Map, Value};
 
 use super::read::StoredResult;
 use super::{Artifacts, InFlight, blob};
+use crate::blobs::Staged;
 use crate::blobs::blocks::{BlockSums, CheckedFile};
+use crate::exports::StoredFile;
 use crate::jobs::ArtifactRecord;
 
 /// Most bytes of a report with the templates of polyhedra: more than any has.
@@ -31,6 +35,43 @@ pub(crate) struct Expected {
     pub(crate) sha256: String,
     /// Most bytes of the file.
     pub(crate) most_bytes: u64,
+}
+
+/// What an export must be.
+#[derive(Clone, Debug)]
+pub(crate) struct ExpectedExport {
+    /// SHA-256 of the file, in hexadecimal.
+    pub(crate) sha256: String,
+    /// Bytes of the report before it.
+    pub(crate) report_bytes: usize,
+    /// Most bytes of the file.
+    pub(crate) most_bytes: u64,
+}
+
+/// A file that is being fetched from a server.
+#[derive(Debug)]
+pub(crate) struct Fetching<'a> {
+    staged: Staged,
+    artifacts: &'a Artifacts,
+    name: String,
+}
+
+impl Fetching<'_> {
+    /// Writes the next piece.
+    ///
+    /// # Errors
+    /// The disk's.
+    pub(crate) fn write(&mut self, piece: &[u8]) -> io::Result<()> {
+        io::Write::write_all(&mut self.staged.file(), piece)
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn finish(self) -> io::Result<()> {
+        self.artifacts.blobs.publish(self.staged, &self.name, &|| false)
+    }
 }
 
 /// A result that was taken in.
@@ -58,12 +99,21 @@ pub(crate) enum ReceiveError {
 }
 
 impl Artifacts {
-    /// Opens the file of a result of this process, to be sent to a server.
+    /// Opens a result or an export of this process, to be sent to a server.
     ///
     /// # Errors
     /// Those of the storage.
-    pub(crate) fn open_result(&self, record: &ArtifactRecord) -> io::Result<File> {
-        self.blobs.fetch(&blob(&record.path))
+    pub(crate) fn open_file(&self, path: &str) -> io::Result<File> {
+        self.blobs.fetch(&blob(path))
+    }
+
+    /// Begins the file of a result that a server sends. Its readers compare its digest.
+    ///
+    /// # Errors
+    /// Those of the storage.
+    pub(crate) fn fetching(&self, path: &str) -> io::Result<Fetching<'_>> {
+        let name = blob(path);
+        Ok(Fetching { staged: self.blobs.stage(&name)?, artifacts: self, name })
     }
 
     /// Writes a result from its pieces, and makes sure that it is one of this job. Nothing is left behind where it is
@@ -105,6 +155,47 @@ impl Artifacts {
             format_lengths: BTreeMap::new(),
         };
         Ok(Received { artifact, grains })
+    }
+
+    /// Writes an export from its pieces, and makes sure that it is the file that its sender says: a report of so many
+    /// bytes, and what follows it. `judge` gets the report and the length of the file. Nothing is left behind where it
+    /// refuses them.
+    ///
+    /// # Errors
+    /// See [`ReceiveError`].
+    pub(crate) fn receive_export(
+        &self,
+        place: &InFlight,
+        expected: &ExpectedExport,
+        mut next: impl FnMut() -> Option<Result<Bytes, ReceiveError>>,
+        judge: impl FnOnce(&ExportReport, u64) -> Result<(), ReceiveError>,
+    ) -> Result<(StoredFile, ExportReport), ReceiveError> {
+        let head = RefCell::new(Vec::new());
+        let write = |out: &mut dyn io::Write| {
+            while let Some(piece) = next() {
+                let piece = piece?;
+                let missing = expected.report_bytes - head.borrow().len();
+                let (of_head, rest) = piece.split_at(piece.len().min(missing));
+                head.borrow_mut().extend_from_slice(of_head);
+                out.write_all(rest)?;
+            }
+            Ok(())
+        };
+        let mut judged = None;
+        let check = |file: &File, sha256: &str, _: &Arc<BlockSums>| {
+            if sha256 != expected.sha256 {
+                let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
+                return Err(ReceiveError::Damaged(text));
+            }
+            let report = serde_json::from_slice::<ExportReport>(&head.borrow())
+                .map_err(|error| ReceiveError::Unexpected(format!("the report is none: {error}")))?;
+            judge(&report, file.metadata()?.len())?;
+            judged = Some(report);
+            Ok(())
+        };
+        let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
+        let report = judged.ok_or(ReceiveError::Broken)?;
+        Ok((StoredFile { path: place.path.clone(), bytes, sha256 }, report))
     }
 }
 

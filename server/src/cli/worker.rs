@@ -21,6 +21,7 @@ use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, seconds_or_none};
 use crate::disk::{Disk, Shortage};
+use crate::exports::making::Exports;
 use crate::memory;
 use crate::metrics::Metrics;
 use crate::service::{StartError, lock};
@@ -28,6 +29,7 @@ use crate::tasks;
 use crate::telemetry::{self, LogFormat};
 use crate::workers::documents::{MAX_NAME_CHARS, MAX_SLOTS};
 use crate::workers::executor::Executor;
+use crate::workers::in_slots::InSlots;
 use crate::workers::packing::{Packings, Source};
 use crate::workers::probe;
 use crate::workers::slots::Slots;
@@ -151,16 +153,11 @@ async fn work(
     let until = options.until;
     let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
     let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
-    let packings = Packings {
-        source: Source::There(there.clone()),
-        slots: Slots::new(slots as usize),
-        artifacts,
-        checkpoints,
-        disk,
-        metrics: Arc::new(Metrics::default()),
-        templates: Arc::default(),
-    };
-    let executor = Executor { kind: packings, shutdown: shutdown.clone() };
+    let (source, metrics) = (Source::There(there.clone()), Arc::new(Metrics::default()));
+    let exports = Exports::in_slots(source.clone(), artifacts.clone(), disk.clone(), Arc::clone(&metrics), 0);
+    let packings = Packings { source, artifacts, checkpoints, disk, metrics, templates: Arc::default() };
+    let kind = InSlots { packings, exports, slots: Slots::new(slots as usize) };
+    let executor = Executor { kind, shutdown: shutdown.clone() };
     tasks::spawn(memory::release_regularly(shutdown.clone()));
     tasks::spawn(there.clone().keep_renewing());
     tasks::spawn(there.clone().keep_sending_checkpoints());

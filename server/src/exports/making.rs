@@ -2,69 +2,107 @@
 //! stored result.
 //!
 //! Exports have executors of their own, a few beside those that pack, and one more for what is made in a moment, so
-//! that a slice need not wait for a lattice model.
+//! that a slice need not wait for a lattice model. What takes as long as a packing, and was asked for by the request of
+//! a job, is made in the slots of packings instead ([`in_slots`](crate::workers::in_slots)).
 
 use std::io;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use packstone_engine::Limits;
 use packstone_engine::export::tables;
-use packstone_engine::export::{ExportError, ExportRequest, Model, Provenance};
+use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model, Provenance};
 use packstone_engine::request::{Materials, Specimen};
+use serde_json::Value;
+use tokio::time::sleep;
 use tokio_util::sync::CancellationToken;
 
-use super::{ExportRecord, StoredFile, distance_kept};
+use super::{ExportLease, StoredFile, distance_kept};
 use crate::artifacts::{Artifacts, InFlight};
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::gmsh;
-use crate::jobs::store::ClaimedExport;
-use crate::jobs::{JobProgress, StopRequests};
+use crate::jobs::store::{ClaimedExport, ExportQueue, Store};
+use crate::jobs::{ArtifactRecord, JobProgress, StopRequests};
 use crate::metrics::Metrics;
 use crate::storage::{Bound, NoRoom, fits};
 use crate::workers::control::RunControl;
-use crate::workers::ending::{Cause, End, NotMade, Told};
+use crate::workers::ending::{Cause, NotMade, Told};
+use crate::workers::heard::Heard;
 use crate::workers::here::Here;
-use crate::workers::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, Terms};
+use crate::workers::packing::Source;
+use crate::workers::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, TaskSource, Terms};
+
+/// How often a server looks for exports that no slot will ever make.
+const LOOK_FOR_HEAVY: Duration = Duration::from_secs(2);
 
 /// What making exports needs.
 #[derive(Clone, Debug)]
 pub(crate) struct Exports {
-    pub(crate) here: Here,
+    pub(crate) source: Source,
     pub(crate) artifacts: Artifacts,
     pub(crate) disk: Disk,
     pub(crate) metrics: Arc<Metrics>,
     /// Most bytes that files hold which nobody has asked to be kept.
     pub(crate) cache_bytes: u64,
-    /// Only what is made in a moment is claimed.
-    pub(crate) quick: bool,
+    /// What is claimed, if not for slots.
+    pub(crate) queue: ExportQueue,
+    /// Of a server without slots: the worker processes that it has heard. Where there is none, it also makes the
+    /// exports that are meant for slots.
+    pub(crate) heard: Option<Heard>,
+    /// When that server began to listen.
+    pub(crate) since: Instant,
 }
 
 /// An export to make.
+#[derive(Clone, Debug)]
 pub(crate) struct Work {
-    claimed: ClaimedExport,
+    pub(crate) lease: ExportLease,
+    pub(crate) kind: ExportType,
+    /// With its `type`, and defaults filled in.
+    pub(crate) options: Value,
+    /// The result that the export is made from.
+    pub(crate) result: ArtifactRecord,
+    /// Faults of the machine that earlier runs have met.
+    pub(crate) faults: i64,
+    /// What the run may use.
+    pub(crate) limits: Limits,
     /// Bytes that the file may have, and what bounds them.
-    room: (u64, Bound),
+    pub(crate) room: (u64, Bound),
 }
 
 /// An export whose file is on disk.
 pub(crate) struct MadeExport {
-    file: StoredFile,
-    report: serde_json::Value,
+    pub(crate) file: StoredFile,
+    pub(crate) report: Value,
     /// Stays claimed until the store refers to it.
     _place: InFlight,
 }
 
-impl TaskKind for Exports {
-    type Work = Work;
-    type Made = MadeExport;
+impl Work {
+    /// What the store has leased.
+    pub(crate) fn of(claimed: ClaimedExport, limits: Limits, room: (u64, Bound)) -> Self {
+        let ClaimedExport { export, result, faults, threads: _ } = claimed;
+        let lease = ExportLease::from(&export);
+        Self { lease, kind: export.kind, options: export.options, result, faults, limits, room }
+    }
+}
 
+impl TaskSource for Exports {
     async fn claim(&self, shutdown: &CancellationToken) -> Claimed<Work> {
-        let Here { store, storage, .. } = &self.here;
-        let Some(claimed) = store.claim_export(self.quick).await? else {
+        let Source::Here(Here { store, storage, limits, .. }) = &self.source else {
+            // A worker process leases exports together with its jobs.
+            shutdown.cancelled().await;
+            return Ok(None);
+        };
+        let mut claimed = store.claim_export(self.queue).await?;
+        if claimed.is_none() && self.makes_heavy(store).await? {
+            claimed = store.claim_export(ExportQueue::Heavy).await?;
+        }
+        let Some(claimed) = claimed else {
             tokio::select! {
-                () = store.exports_queued(self.quick) => {}
+                () = store.exports_queued(self.queue) => {}
+                () = sleep(LOOK_FOR_HEAVY), if self.heard.is_some() => {}
                 () = shutdown.cancelled() => {}
             }
             return Ok(None);
@@ -73,33 +111,41 @@ impl TaskKind for Exports {
         store.wake_next_export_worker();
         // A store that cannot tell fails the export at its end at the latest.
         let room = storage.room(&claimed.export.owner).await.unwrap_or((u64::MAX, Bound::Disk));
-        Ok(Some((Work { claimed, room }, None)))
+        Ok(Some((Work::of(claimed, *limits, room), None)))
     }
+}
+
+impl TaskKind for Exports {
+    type Work = Work;
+    type Made = MadeExport;
 
     fn terms(&self, work: &Work) -> Terms {
-        let of = &work.claimed.export;
-        let span = tracing::info_span!("export", job_id = %of.job, export_id = %of.id, kind = of.kind.name(),
+        let of = &work.lease;
+        let span = tracing::info_span!("export", job_id = %of.job, export_id = %of.id, kind = work.kind.name(),
             attempt = of.attempt);
-        Terms { span, timeout_s: None, faults: work.claimed.faults }
+        Terms { span, timeout_s: None, faults: work.faults }
     }
 
-    async fn prepare(&self, _work: &Work) -> RunControl {
+    async fn prepare(&self, work: &Work) -> RunControl {
+        if let Source::There(there) = &self.source {
+            there.fetch_result(work).await;
+        }
         RunControl::default()
     }
 
     fn run(&self, work: &Work, control: &RunControl, _computing: Computing) -> Result<MadeExport, NotMade> {
-        let Work { claimed, room: (left, bound) } = work;
+        let Work { lease, result, room: (left, bound), .. } = work;
         let (left, bound) = (*left, *bound);
-        let record = &claimed.export;
-        let export = ExportRequest::from_json(&record.options).map_err(Failure::invalid)?;
+        let export = ExportRequest::from_json(&work.options).map_err(Failure::invalid)?;
         let unreadable = |error: &dyn std::fmt::Display| {
             tracing::error!(%error, "the stored result is unreadable");
             NotMade::from(Failure::new(FailureCode::ResultDamaged, "the stored result is missing or damaged"))
         };
-        let stored = self
-            .artifacts
-            .read(&claimed.result)
-            .map_err(|error| if is_passing(&error) { fault(&error) } else { unreadable(&error) })?;
+        let stored = self.artifacts.read(result).map_err(|error| match &self.source {
+            Source::Here(_) if !is_passing(&error) => unreadable(&error),
+            // The copy of a worker process: the server has the result.
+            _ => fault(&error),
+        })?;
         let specimen = Specimen::from_json(&stored.head().request["specimen"])
             .map_err(|faults| unreadable(&faults.iter().map(ToString::to_string).collect::<String>()))?;
         let loaded_bytes = tables::loaded_bytes(&stored);
@@ -108,15 +154,13 @@ impl TaskKind for Exports {
             _ if is_passing(&error) => fault(&error),
             _ => unreadable(&error),
         })?;
-        let provenance = Provenance {
-            result_sha256: Some(claimed.result.sha256.clone()),
-            ..Provenance::from(stored.head())
-        };
+        let provenance =
+            Provenance { result_sha256: Some(result.sha256.clone()), ..Provenance::from(stored.head()) };
         let distance = distance_kept(stored.head());
         let materials = Materials::of_request(&stored.head().request);
         drop(stored);
-        let max_model_bytes = self.here.limits.max_model_bytes.saturating_sub(loaded_bytes);
-        let limits = Limits { max_model_bytes, ..self.here.limits };
+        let max_model_bytes = work.limits.max_model_bytes.saturating_sub(loaded_bytes);
+        let limits = Limits { max_model_bytes, ..work.limits };
         let model = Model::new(&specimen, &grains)
             .with_distance(distance)
             .with_provenance(&provenance)
@@ -125,7 +169,7 @@ impl TaskKind for Exports {
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }
-        let place = self.artifacts.begin_export(&record.id.to_string(), record.attempt);
+        let place = self.artifacts.begin_export(&lease.id.to_string(), lease.attempt);
         let written = self
             .artifacts
             .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
@@ -145,27 +189,40 @@ impl TaskKind for Exports {
     }
 
     fn follow(&self, work: &Work) -> Following {
-        let (store, of) = (&self.here.store, &work.claimed.export);
-        Following::Export(store.subscribe_export(of.id), store.subscribe(of.job))
+        match &self.source {
+            Source::Here(Here { store, .. }) => {
+                Following::Export(store.subscribe_export(work.lease.id), store.subscribe(work.lease.job))
+            }
+            Source::There(there) => Following::There(there.follow(work.lease)),
+        }
     }
 
     async fn requests(&self, work: &Work) -> Result<StopRequests, LeaseError> {
         // An export is not cancelled but deleted, and its lease with it.
-        self.here.store.check_export_lease(&work.claimed.export).await?;
+        match &self.source {
+            Source::Here(here) => here.store.check_export_lease(work.lease).await?,
+            Source::There(there) => drop(there.requests(work.lease)?),
+        }
         Ok(StopRequests::default())
     }
 
     async fn renew(&self, work: &Work, news: Option<JobProgress>) -> Result<StopRequests, LeaseError> {
-        self.here.store.renew_export(&work.claimed.export, news).await?;
+        match &self.source {
+            Source::Here(here) => here.store.renew_export(work.lease, news).await?,
+            Source::There(there) => drop(there.renew(work.lease, news)?),
+        }
         Ok(StopRequests::default())
     }
 
     fn renew_every(&self) -> Duration {
-        self.here.store.renew_every()
+        self.source.renew_every()
     }
 
     async fn end(&self, work: &Work, told: Told<'_, MadeExport>) -> Result<(), LeaseError> {
-        let (store, of) = (&self.here.store, &work.claimed.export);
+        let (store, of) = match &self.source {
+            Source::Here(here) => (&here.store, work.lease),
+            Source::There(there) => return there.end_export(work.lease, told).await,
+        };
         match told {
             Told::Succeeded(made) => store.export_made(of, made.file.clone(), made.report.clone()).await?,
             Told::Failed(failure, _) => store.export_failed(of, &failure).await?,
@@ -177,21 +234,46 @@ impl TaskKind for Exports {
     }
 
     async fn ended(&self, work: &Work, ended: Ended<'_, MadeExport>) {
-        let of = &work.claimed.export;
-        self.metrics.export_ended(of.kind.name(), ended.outcome, ended.took);
-        match ended.end {
-            End::Made(_) if ended.is_recorded => self.shrink_cache(of).await,
-            End::Made(made) => self.artifacts.discard(vec![made.file.path.clone()]).await,
-            _ => {}
+        self.metrics.export_ended(work.kind.name(), ended.outcome, ended.took);
+        match (ended.made, &self.source) {
+            (Some(_), Source::Here(here)) if ended.is_recorded => self.shrink_cache(here, work.lease).await,
+            (Some(made), _) => self.artifacts.discard(vec![made.file.path.clone()]).await,
+            (None, _) => {}
+        }
+        if let Source::There(_) = &self.source {
+            self.artifacts.discard(vec![work.result.path.clone()]).await;
         }
     }
 }
 
 impl Exports {
-    async fn shrink_cache(&self, made: &ExportRecord) {
+    /// Exports for slots, of this source.
+    pub(crate) fn in_slots(
+        source: Source,
+        artifacts: Artifacts,
+        disk: Disk,
+        metrics: Arc<Metrics>,
+        cache_bytes: u64,
+    ) -> Self {
+        let (queue, heard, since) = (ExportQueue::Heavy, None, Instant::now());
+        Self { source, artifacts, disk, metrics, cache_bytes, queue, heard, since }
+    }
+
+    /// Whether this server makes the exports that are meant for slots: it has none, and no worker process was heard for
+    /// the time of a lease.
+    async fn makes_heavy(&self, store: &Store) -> Result<bool, LeaseError> {
+        let Some(heard) = self.heard.as_ref().filter(|_| self.since.elapsed() >= store.lease()) else {
+            return Ok(false);
+        };
+        Ok(store.has_claimable_export(ExportQueue::Heavy).await?
+            && heard.within(store.lease()).is_empty()
+            && !store.processes().await?.iter().any(|process| process.is_heard))
+    }
+
+    async fn shrink_cache(&self, here: &Here, made: ExportLease) {
         let shrunk = async {
-            let most = self.here.storage.cache_bytes(self.cache_bytes).await?;
-            self.here.store.shrink_cache(most, made.id).await
+            let most = here.storage.cache_bytes(self.cache_bytes).await?;
+            here.store.shrink_cache(most, made.id).await
         };
         match shrunk.await {
             Ok(paths) if paths.is_empty() => {}

@@ -10,7 +10,7 @@ pub(crate) mod making;
 use packstone_engine::checked_as;
 use packstone_engine::export::tables::Head;
 use packstone_engine::export::{ExportRequest, ExportType, REVISION};
-use packstone_engine::request::Distance;
+use packstone_engine::request::{Distance, Specimen};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -110,6 +110,26 @@ pub(crate) struct ExportRecord {
     pub(crate) updated_at: i64,
     /// Name of the API key that submitted the job; empty where the server asked for none.
     pub(crate) owner: String,
+    /// Made in the slots of packings.
+    pub(crate) heavy: bool,
+    /// Name of the worker process that makes or made it; empty for the server itself.
+    pub(crate) worker: String,
+}
+
+/// The right to write about one attempt of one export.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ExportLease {
+    /// Number of the export in the store; 0 in a process without one.
+    pub(crate) seq: i64,
+    pub(crate) id: ExportId,
+    pub(crate) job: JobId,
+    pub(crate) attempt: i64,
+}
+
+impl From<&ExportRecord> for ExportLease {
+    fn from(of: &ExportRecord) -> Self {
+        Self { seq: of.seq, id: of.id, job: of.job, attempt: of.attempt }
+    }
 }
 
 impl ExportRecord {
@@ -129,6 +149,8 @@ pub(crate) struct NewExport {
     pub(crate) options: String,
     /// Made in a moment: need not wait behind what takes long.
     pub(crate) quick: bool,
+    /// Takes as long as a packing and is made in the slots of packings.
+    pub(crate) heavy: bool,
 }
 
 impl NewExport {
@@ -143,7 +165,15 @@ impl NewExport {
         }
         let key = hex::sha256(parts.as_bytes());
         let kind = export.export_type();
-        Self { key, kind, options, quick: kind.is_quick() }
+        Self { key, kind, options, quick: kind.is_quick(), heavy: false }
+    }
+
+    /// The same of a job that asks for it in its request, and packs such a specimen. What takes long is made in the
+    /// slots of packings, so that the machine is not used twice; what clients ask for later is made beside them.
+    pub(crate) fn beforehand(export: &ExportRequest, specimen: &Specimen, result_sha256: &str) -> Self {
+        let new = Self::new(export, result_sha256);
+        let heavy = !new.quick && export.is_heavy(specimen);
+        Self { heavy, ..new }
     }
 }
 

@@ -155,7 +155,7 @@ mod tests {
             (Method::POST, "/v1/plans", (Right::Read, Named::Nothing)),
             (Method::GET, "/v1/key", (Right::Ask, Named::Nothing)),
             (Method::POST, "/v1/leases", (Right::Work, Named::Nothing)),
-            (Method::PUT, "/v1/leases/{job}/{attempt}/result", (Right::Work, Named::Nothing)),
+            (Method::PUT, "/v1/leases/{task}/{attempt}/result", (Right::Work, Named::Nothing)),
             (Method::GET, "/metrics", (Right::Measure, Named::Nothing)),
             (Method::POST, "/metrics", (Right::Operate, Named::Nothing)),
             (Method::GET, "/v1/jobs/{identity}", (Right::Operate, Named::Nothing)),

@@ -32,7 +32,7 @@ use crate::webhooks::signature::SecretsFile;
 use crate::workers::checks::Checks;
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
-use crate::workers::packing::Packings;
+use crate::workers::in_slots::InSlots;
 use crate::workers::probe;
 use crate::workers::slots::Slots;
 
@@ -140,7 +140,7 @@ impl App {
     /// Gathers what handlers share, much of it with the packings.
     pub(crate) fn new(
         options: &ServeOptions,
-        packings: &Packings,
+        InSlots { packings, slots, .. }: &InSlots,
         shutdown: CancellationToken,
         here: &Here,
         files: OperatorFiles,
@@ -186,7 +186,7 @@ impl App {
                 max_run_s: options.max_run_s,
                 expire_after_days: options.expire_after_days,
                 workers: options.workers(),
-                slots: packings.slots.clone(),
+                slots: slots.clone(),
                 connections,
                 max_connections: options.max_connections,
                 downloads: Arc::new(Semaphore::new(options.max_downloads)),

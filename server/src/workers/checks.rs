@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use packstone_engine::check::Scope;
-use packstone_engine::export::tables;
+use packstone_engine::export::{ExportRequest, tables};
 use packstone_engine::{Limits, TemplateCache, VerifyError, verify, verify_failure};
 use serde_json::Value;
 use tokio::sync::oneshot;
@@ -249,11 +249,14 @@ impl Checks {
                     Err(error) => return refusal(VerifyError::Read(error)),
                 };
                 let items = request.postprocess.items();
+                let beforehand = |(_, item): &(String, &ExportRequest)| {
+                    NewExport::beforehand(item, &request.specimen, &artifact.sha256)
+                };
                 Verdict::Packing {
                     grains: report.summary.grains,
                     facts: Facts::of_packing(report),
                     formats: FormatLengths { revision: tables::REVISION, bytes },
-                    exports: items.iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect(),
+                    exports: items.iter().map(beforehand).collect(),
                 }
             }
             Err(error) => refusal(error),

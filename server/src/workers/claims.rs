@@ -17,6 +17,9 @@ const LEAST_SHARE_OF_TIMEOUT: f64 = 0.5;
 /// Longest text of a failure that is stored as it came, in characters.
 const MAX_DETAIL_CHARS: usize = 1000;
 
+/// Most faulty fields of a failure that are stored as they came.
+const MAX_FIELDS: usize = 100;
+
 /// What is known of an attempt whose end is reported.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Attempt {
@@ -102,6 +105,41 @@ pub(crate) fn checked(failure: Failure, attempt: Attempt) -> Result<Claim, Field
         | FailureCode::ResultDamaged
         | FailureCode::MachineFault => {
             Err(at("code", format!("{:?} is not the end of a packing", failure.code.name())))
+        }
+    }
+}
+
+/// Judges a failure that a worker process reports of an export which has met so many faults of machines. Its words are
+/// those of the engine on that machine, so that they are kept, as one line of a bounded length.
+///
+/// # Errors
+/// What such a worker cannot know.
+pub(crate) fn of_export(failure: Failure, faults: i64) -> Result<Claim, FieldError> {
+    let code = failure.code;
+    let line = |text: String| {
+        text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(MAX_DETAIL_CHARS).collect::<String>()
+    };
+    let fields = failure.fields.into_iter().take(MAX_FIELDS);
+    let fields = fields.map(|field| FieldError::new(line(field.pointer), line(field.detail))).collect();
+    let kept = Failure { fields, ..Failure::new(code, line(failure.detail)) };
+    match code {
+        FailureCode::ValidationError
+        | FailureCode::TooLarge
+        | FailureCode::FormatNotAvailable
+        | FailureCode::InsufficientStorage => Ok(Claim::Accepted(kept)),
+        FailureCode::OutOfMemory if faults >= MEMORY_FAULTS => Ok(Claim::Accepted(kept)),
+        FailureCode::CheckFailed | FailureCode::InternalError => Ok(Claim::Suspected(kept)),
+        FailureCode::OutOfMemory
+        | FailureCode::InfeasibleMix
+        | FailureCode::CoarseMix
+        | FailureCode::TargetNotReached
+        | FailureCode::TimedOut
+        | FailureCode::MalformedJson
+        | FailureCode::AttemptsExhausted
+        | FailureCode::ResultDamaged
+        | FailureCode::MachineFault => {
+            let detail = format!("{:?} is not the end of an export", code.name());
+            Err(FieldError::new("/failure/code", detail))
         }
     }
 }
@@ -204,6 +242,29 @@ mod tests {
         for text in ["x".repeat(1001), "two\nlines".to_owned()] {
             assert_eq!(refused(Failure::new(FailureCode::CheckFailed, text), ATTEMPT), "/failure/detail");
         }
+    }
+
+    #[test]
+    fn of_an_export_only_what_its_maker_can_know_is_taken_and_its_text_is_one_line() {
+        for code in FailureCode::ALL {
+            let found = of_export(Failure::new(*code, "why"), 0);
+            let is_final = matches!(
+                code,
+                FailureCode::ValidationError
+                    | FailureCode::TooLarge
+                    | FailureCode::FormatNotAvailable
+                    | FailureCode::InsufficientStorage
+            );
+            let is_suspected = matches!(code, FailureCode::CheckFailed | FailureCode::InternalError);
+            assert_eq!(matches!(found, Ok(Claim::Accepted(_))), is_final, "{code:?}: {found:?}");
+            assert_eq!(matches!(found, Ok(Claim::Suspected(_))), is_suspected, "{code:?}: {found:?}");
+        }
+        let memory = Failure::new(FailureCode::OutOfMemory, "out of memory");
+        assert_eq!(of_export(memory.clone(), MEMORY_FAULTS).unwrap(), Claim::Accepted(memory));
+        // A program that is missing on the machine of the worker: the words of the engine there are what helps.
+        let long = Failure::new(FailureCode::FormatNotAvailable, format!("no Gmsh:\n{}", "x".repeat(2000)));
+        let Ok(Claim::Accepted(kept)) = of_export(long, 0) else { panic!("it is requeued for ever") };
+        assert_eq!(kept.detail, format!("no Gmsh: {}", "x".repeat(991)));
     }
 
     #[test]

@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::failure::Failure;
-use crate::ids::JobId;
+use crate::ids::{JobId, TaskId};
 use crate::jobs::store::{Claimed, Held, Renewal};
 use crate::jobs::{JobProgress, StopRequests};
 use crate::storage::Bound;
 use crate::studies::Facts;
 use crate::workers::here::run_limit_s;
+use crate::workers::leased_export::ExportLeaseDocument;
 
 /// Most slots of a process.
 pub(crate) const MAX_SLOTS: u32 = 1024;
@@ -121,11 +122,12 @@ impl Checked for LeaseRequest {
     }
 }
 
-/// The jobs that a process has leased.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The jobs and exports that a process has leased.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct LeasesDocument {
     pub(crate) leases: Vec<LeaseDocument>,
+    pub(crate) exports: Vec<ExportLeaseDocument>,
 }
 
 /// A job that a process has leased.
@@ -202,7 +204,7 @@ impl LeaseDocument {
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RenewalRequest {
-    /// One for each job that it runs.
+    /// One for each job or export that it runs.
     #[cfg_attr(test, schema(max_items = 2048))]
     pub(crate) renewals: Vec<RenewalDocument>,
 }
@@ -212,9 +214,9 @@ pub(crate) struct RenewalRequest {
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RenewalDocument {
-    /// ID of the job.
+    /// ID of the job or the export.
     #[cfg_attr(test, schema(value_type = String, format = "uuid"))]
-    pub(crate) job: JobId,
+    pub(crate) task: TaskId,
     /// Number of the attempt.
     #[cfg_attr(test, schema(minimum = 1))]
     pub(crate) attempt: i64,
@@ -286,8 +288,8 @@ impl Checked for RenewalRequest {
 
 impl From<RenewalDocument> for Renewal {
     fn from(document: RenewalDocument) -> Self {
-        let RenewalDocument { job, attempt, progress } = document;
-        Self { id: job, attempt, progress }
+        let RenewalDocument { task, attempt, progress } = document;
+        Self { id: task, attempt, progress }
     }
 }
 
@@ -304,9 +306,9 @@ pub(crate) struct RenewalsDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 pub(crate) struct RenewedDocument {
-    /// ID of the job.
+    /// ID of the job or the export.
     #[cfg_attr(test, schema(value_type = String, format = "uuid"))]
-    pub(crate) job: JobId,
+    pub(crate) task: TaskId,
     /// Number of the attempt.
     #[cfg_attr(test, schema(minimum = 1))]
     pub(crate) attempt: i64,
@@ -324,7 +326,7 @@ pub(crate) enum LeaseState {
     FinishRequested,
     /// It is renewed, and a client wants the job to end without a result.
     CancelRequested,
-    /// The job is another attempt's, has ended, or is gone.
+    /// The job or the export is another attempt's, has ended, or is gone.
     Lost,
 }
 
@@ -333,7 +335,7 @@ impl From<Held> for LeaseState {
         match held {
             Held::Running { requests: StopRequests { cancel: true, .. }, .. } => Self::CancelRequested,
             Held::Running { requests: StopRequests { finish: true, .. }, .. } => Self::FinishRequested,
-            Held::Running { .. } => Self::Running,
+            Held::Running { .. } | Held::RunningExport(_) => Self::Running,
             Held::Ended | Held::Lost => Self::Lost,
         }
     }
@@ -426,7 +428,7 @@ mod tests {
             let faults = LeaseRequest::read(request).expect_err("a faulty request");
             assert_eq!(faults[0].pointer, pointer, "{faults:?}");
         }
-        let renewal = |attempt: Value| json!({"renewals": [{"job": JobId::new(), "attempt": attempt}]});
+        let renewal = |attempt: Value| json!({"renewals": [{"task": JobId::new(), "attempt": attempt}]});
         assert!(RenewalRequest::read(renewal(json!(1))).is_ok());
         let faults = RenewalRequest::read(renewal(json!("1"))).expect_err("a faulty renewal");
         assert_eq!(faults[0].pointer, "/renewals/0/attempt");
@@ -436,7 +438,7 @@ mod tests {
                 "eta_s": null,
             });
             progress[member] = value;
-            json!({"renewals": [{"job": JobId::new(), "attempt": 1, "progress": progress}]})
+            json!({"renewals": [{"task": JobId::new(), "attempt": 1, "progress": progress}]})
         };
         let growth = |member: &str, value: Value| {
             let mut growth = json!({

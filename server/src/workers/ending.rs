@@ -80,6 +80,20 @@ pub(crate) enum Told<'a, M> {
     Nothing,
 }
 
+impl<'a, M> Told<'a, M> {
+    /// The same of what is made of it; nothing where there is none.
+    pub(super) fn of<N>(self, of: impl FnOnce(&'a M) -> Option<&'a N>) -> Told<'a, N> {
+        match self {
+            Self::Succeeded(made) => of(made).map_or(Told::Nothing, Told::Succeeded),
+            Self::Failed(failure, facts) => Told::Failed(failure, facts),
+            Self::Cancelled => Told::Cancelled,
+            Self::Released => Told::Released,
+            Self::Faulted(cause) => Told::Faulted(cause),
+            Self::Nothing => Told::Nothing,
+        }
+    }
+}
+
 /// Name of an end of a run whose task is another attempt's, in the log and the metrics.
 pub(crate) const LEASE_LOST: &str = "lease_lost";
 
@@ -96,6 +110,14 @@ impl<M> End<M> {
             }
             NotMade::Failed(failed) => Self::Failed(failed),
             NotMade::Faulted(cause) => Self::Faulted(cause),
+        }
+    }
+
+    /// What the run has made.
+    pub(super) fn made(&self) -> Option<&M> {
+        match self {
+            Self::Made(made) => Some(made),
+            _ => None,
         }
     }
 

@@ -5,7 +5,7 @@
 //! [`slots`]. An executor watches its run from outside: it tells of progress at most twice a second, renews the lease,
 //! and passes on a client's request to cancel, the time limit and the stop of the process. It alone decides what the
 //! end of a run means; the engine only ends. Where the tasks come from and what a run does, it does not know: see
-//! [`TaskKind`].
+//! [`TaskKind`](super::task::TaskKind).
 //!
 //! [`slots`]: super::slots
 
@@ -21,7 +21,7 @@ use tracing::Instrument as _;
 
 use super::control::{RunControl, Stop};
 use super::ending::{End, LEASE_LOST, Run};
-use super::task::{Computing, Ended, LeaseError, TaskKind, Terms};
+use super::task::{Computing, Ended, LeaseError, TaskSource, Terms};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobProgress;
 use crate::remaining_time::RemainingTime;
@@ -46,7 +46,7 @@ pub(crate) struct Executor<K> {
     pub(crate) shutdown: CancellationToken,
 }
 
-impl<K: TaskKind> Executor<K> {
+impl<K: TaskSource> Executor<K> {
     /// Runs tasks until the process stops, or there are no more for it. While the file of one is written or recorded,
     /// which is waiting for the disk, the next is computed; one file at a time, so that a slow disk does not pile them
     /// up in memory.
@@ -192,7 +192,14 @@ impl<K: TaskKind> Executor<K> {
         };
         let outcome = if is_recorded { end.name() } else { LEASE_LOST };
         tracing::info!(outcome, took_s = run.took.as_secs_f64(), "ended");
-        self.kind.ended(work, Ended { end: &end, is_recorded, outcome, took: run.took }).await;
+        let ended = Ended {
+            made: end.made(),
+            is_requeued: matches!(end, End::Stopped(Stop::Shutdown) | End::Faulted(_)),
+            is_recorded,
+            outcome,
+            took: run.took,
+        };
+        self.kind.ended(work, ended).await;
     }
 }
 

@@ -1,16 +1,21 @@
-//! Jobs from the store of this process.
+//! Jobs, and exports that take as long, from the store of this process.
 
 use futures_util::FutureExt as _;
 use packstone_engine::Limits;
 use tokio_util::sync::CancellationToken;
 
 use super::ending::{Cause, Told};
+use super::in_slots::{OneOf, SlotTask};
 use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
 use super::task::LeaseError;
+use crate::exports::making;
 use crate::jobs::store::{Store, WakeUp, WorkUntil};
 use crate::jobs::{Lease, WaitReason};
 use crate::storage::{Bound, Storage};
+
+/// Most threads of an export without `threads`: as many as a packing may have.
+const MOST_THREADS: u32 = 64;
 
 /// The store of this process.
 #[derive(Clone, Debug)]
@@ -28,12 +33,13 @@ pub(crate) fn run_limit_s(timeout_s: Option<f64>, max_run_s: Option<f64>) -> Opt
 }
 
 impl Here {
-    /// Leases the next job, or waits until there may be one.
+    /// Leases the next task for a slot, or waits until there may be one. An export comes before the next job: its own
+    /// has had its turn.
     pub(super) async fn claim(
         &self,
         slots: &Slots,
         shutdown: &CancellationToken,
-    ) -> Result<Option<(Work, Held)>, LeaseError> {
+    ) -> Result<Option<(SlotTask, Held)>, LeaseError> {
         let mut wake_up: Option<WakeUp> = None;
         let (mut reserved, claimed) = loop {
             let reserved = if let Some(reserved) = slots.reserve().now_or_never() {
@@ -47,7 +53,10 @@ impl Here {
                 }
             };
             let mark = self.store.queue_mark();
-            let claimed = self.store.claim().await?;
+            let claimed = match self.store.claim_heavy_export().await? {
+                Some(export) => Some(OneOf::Export(export)),
+                None => self.store.claim().await?.map(OneOf::Packing),
+            };
             wake_up.take().into_iter().for_each(WakeUp::end);
             if let Some(claimed) = claimed {
                 break (reserved, claimed);
@@ -58,11 +67,15 @@ impl Here {
                 () = shutdown.cancelled() => return Ok(None),
             }
         };
-        let threads = threads_of(claimed.job.threads, claimed.job.most_threads);
+        let (asked, most) = match &claimed {
+            OneOf::Packing(claimed) => (claimed.job.threads, claimed.job.most_threads),
+            OneOf::Export(claimed) => (claimed.threads, MOST_THREADS),
+        };
+        let threads = threads_of(asked, most);
         let mut left = 0;
         if threads > 1 {
             reserved = reserved.alone().await;
-            if claimed.job.threads.is_none() {
+            if asked.is_none() {
                 // A store that cannot tell how many jobs wait may have as many as there are slots.
                 left = self.store.queued().await.unwrap_or(u64::MAX);
             }
@@ -71,7 +84,19 @@ impl Here {
         // Another worker may take the next job of a burst that woke only this one.
         self.store.wake_next_worker();
         // A store that cannot tell fails the run at its end at the latest.
-        let room = self.storage.room(&claimed.job.owner).await.unwrap_or((u64::MAX, Bound::Disk));
+        let owner = match &claimed {
+            OneOf::Packing(claimed) => &claimed.job.owner,
+            OneOf::Export(claimed) => &claimed.export.owner,
+        };
+        let room = self.storage.room(owner).await.unwrap_or((u64::MAX, Bound::Disk));
+        let claimed = match claimed {
+            OneOf::Packing(claimed) => claimed,
+            OneOf::Export(claimed) => {
+                let limits = Limits { export_threads: held.count(), ..self.limits };
+                let work = making::Work::of(claimed, limits, room);
+                return Ok(Some((OneOf::Export(work), held)));
+            }
+        };
         let work = Work {
             lease: claimed.lease,
             request: claimed.request,
@@ -81,7 +106,7 @@ impl Here {
             room,
             has_checkpoint: false,
         };
-        Ok(Some((work, held)))
+        Ok(Some((OneOf::Packing(work), held)))
     }
 
     /// Records how a run ended.

@@ -1,8 +1,9 @@
 //! Workers: what runs tasks, in the server or in another process.
 //!
 //! [`executor`] runs tasks of either kind ([`task`]): [`packing`] of jobs, and exports
-//! ([`exports::making`](crate::exports::making)). Jobs come from the store of this process ([`here`]) or from a server
-//! over HTTP ([`there`], whose messages are [`documents`]); a packing holds [`slots`] of its process.
+//! ([`exports::making`](crate::exports::making)). They come from the store of this process ([`here`]) or from a server
+//! over HTTP ([`there`], whose messages are [`documents`]). Packings, and exports that take as long, hold [`slots`] of
+//! their process ([`in_slots`]).
 //! What other processes send is checked by [`claims`] and [`checks`].
 //! [`heard`] knows the processes that ask for jobs, and [`probe`] tells whether two processes compute the same bits.
 
@@ -14,6 +15,8 @@ pub(crate) mod ending;
 pub(crate) mod executor;
 pub(crate) mod heard;
 pub(crate) mod here;
+pub(crate) mod in_slots;
+pub(crate) mod leased_export;
 pub(crate) mod packing;
 pub(crate) mod probe;
 pub(crate) mod slots;

@@ -1,19 +1,18 @@
 //! Packings of jobs, one of the two kinds of tasks. They come from the store of this process or from a server over
-//! HTTP; a packing holds a slot for each of its threads ([`slots`](super::slots)).
+//! HTTP; a packing holds a slot for each of its threads ([`in_slots`](super::in_slots)).
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use packstone_engine::export::ExportRequest;
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Progress, TemplateCache};
 use tokio::time::timeout;
-use tokio_util::sync::CancellationToken;
 
-use super::control::{RunControl, Stop};
-use super::ending::{Cause, End, FailedRun, NotMade, Told};
+use super::control::RunControl;
+use super::ending::{Cause, FailedRun, NotMade, Told};
 use super::here::Here;
-use super::slots::Slots;
-use super::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, Terms};
+use super::task::{Computing, Ended, Following, LeaseError, TaskKind, Terms};
 use super::there::There;
 use crate::advice::failure_of;
 use crate::artifacts::{Artifacts, InFlight};
@@ -27,8 +26,6 @@ use crate::storage::{Bound, Storage, fits};
 use crate::studies::Facts;
 use crate::tasks;
 
-/// How long an idle process waits for a job before it looks whether it is to stop.
-pub(super) const CLAIM_WAIT: Duration = Duration::from_secs(30);
 /// Pauses before a result is written once more that a fault of the machine kept from the disk; it stays in memory.
 const WRITE_PAUSES: [Duration; 4] =
     [Duration::from_secs(1), Duration::from_secs(2), Duration::from_secs(4), Duration::from_secs(8)];
@@ -39,8 +36,6 @@ const SHARE_CHECKPOINT: Duration = Duration::from_secs(2);
 #[derive(Clone, Debug)]
 pub(crate) struct Packings {
     pub(crate) source: Source,
-    /// The slots of this process.
-    pub(crate) slots: Slots,
     /// Where results are written.
     pub(crate) artifacts: Artifacts,
     /// Where checkpoints are kept while a job runs.
@@ -51,7 +46,7 @@ pub(crate) struct Packings {
     pub(crate) templates: Arc<TemplateCache>,
 }
 
-/// Where jobs come from, and who is told of them.
+/// Where jobs and exports come from, and who is told of them.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     /// The store of this process.
@@ -87,24 +82,20 @@ pub(crate) struct Stored {
     _place: InFlight,
 }
 
+impl Source {
+    /// Time between two renewals of a lease, at most.
+    pub(crate) fn renew_every(&self) -> Duration {
+        match self {
+            Self::Here(here) => here.store.renew_every(),
+            // The process renews all its leases together.
+            Self::There(_) => Duration::from_secs(1),
+        }
+    }
+}
+
 impl TaskKind for Packings {
     type Work = Work;
     type Made = Stored;
-
-    async fn claim(&self, shutdown: &CancellationToken) -> Claimed<Work> {
-        let claimed = match &self.source {
-            Source::Here(here) => here.claim(&self.slots, shutdown).await?,
-            Source::There(there) => there.claim(&self.slots, shutdown).await?,
-        };
-        Ok(claimed.map(|(work, slots)| (work, Some(slots))))
-    }
-
-    fn are_over(&self) -> bool {
-        match &self.source {
-            Source::Here(_) => false,
-            Source::There(there) => there.is_over(),
-        }
-    }
 
     fn terms(&self, work: &Work) -> Terms {
         let span = tracing::info_span!("job", job_id = %work.lease.id, attempt = work.lease.attempt);
@@ -172,15 +163,17 @@ impl TaskKind for Packings {
         let artifact = self
             .write(&place, &head, &packed.grains, control)
             .ok_or(NotMade::Faulted(Cause::NotWritten(bytes)))?;
-        let postprocess =
-            postprocess.items().iter().map(|(_, item)| NewExport::new(item, &artifact.sha256)).collect();
+        let beforehand = |(_, item): &(String, &ExportRequest)| {
+            NewExport::beforehand(item, &request.specimen, &artifact.sha256)
+        };
+        let postprocess = postprocess.items().iter().map(beforehand).collect();
         Ok(Stored { artifact, facts, grains, postprocess, _place: place })
     }
 
     fn follow(&self, work: &Work) -> Following {
         match &self.source {
             Source::Here(here) => Following::Job(here.store.subscribe(work.lease.id)),
-            Source::There(there) => Following::JobThere(there.follow(work.lease)),
+            Source::There(there) => Following::There(there.follow(work.lease)),
         }
     }
 
@@ -206,11 +199,7 @@ impl TaskKind for Packings {
     }
 
     fn renew_every(&self) -> Duration {
-        match &self.source {
-            Source::Here(here) => here.store.renew_every(),
-            // The process renews all its leases together.
-            Source::There(_) => Duration::from_secs(1),
-        }
+        self.source.renew_every()
     }
 
     /// Lets other servers go on from the last checkpoint of a run, within the time that a stop has.
@@ -231,11 +220,11 @@ impl TaskKind for Packings {
 
     async fn ended(&self, work: &Work, ended: Ended<'_, Self::Made>) {
         self.metrics.job_ended(ended.outcome, ended.took);
-        match ended.end {
-            End::Made(stored) if !ended.is_recorded => {
+        match ended.made {
+            Some(stored) if !ended.is_recorded => {
                 self.artifacts.discard(vec![stored.artifact.path.clone()]).await;
             }
-            End::Stopped(Stop::Shutdown) | End::Faulted(_) => {}
+            _ if ended.is_requeued => {}
             _ if ended.is_recorded => self.remove_checkpoints(work.lease).await,
             _ => {}
         }

@@ -1,5 +1,5 @@
 //! A kind of tasks, as the [`executor`](super::executor) knows it: packings of jobs ([`packing`](super::packing)) and
-//! exports ([`exports::making`](crate::exports::making)).
+//! exports ([`exports::making`](crate::exports::making)); in slots run both ([`in_slots`](super::in_slots)).
 
 use std::time::Duration;
 
@@ -7,7 +7,7 @@ use tokio::sync::{oneshot, watch};
 use tokio_util::sync::CancellationToken;
 
 use super::control::RunControl;
-use super::ending::{End, NotMade, Told};
+use super::ending::{NotMade, Told};
 use super::slots::Held;
 use crate::ids::ExportId;
 use crate::jobs::notifications::Subscription;
@@ -17,13 +17,8 @@ use crate::jobs::{JobId, JobProgress, StopRequests};
 /// A leased task, if there is one, with its slots.
 pub(crate) type Claimed<W> = Result<Option<(W, Option<Held>)>, LeaseError>;
 
-/// Where the tasks of a kind come from, how one is run, and who is told of it.
-pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
-    /// A leased task.
-    type Work: Send + Sync + 'static;
-    /// What a run leaves on disk.
-    type Made: Send + Sync + 'static;
-
+/// Where tasks come from.
+pub(crate) trait TaskSource: TaskKind {
     /// Leases the next task, with the slots that it holds where the kind has any. `None` where none came for a while,
     /// or the process is to stop.
     ///
@@ -35,6 +30,14 @@ pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
     fn are_over(&self) -> bool {
         false
     }
+}
+
+/// How a task of a kind is run, and who is told of it.
+pub(crate) trait TaskKind: Clone + Send + Sync + 'static {
+    /// A leased task.
+    type Work: Send + Sync + 'static;
+    /// What a run leaves on disk.
+    type Made: Send + Sync + 'static;
 
     /// What the executor knows of a task.
     fn terms(&self, work: &Self::Work) -> Terms;
@@ -113,12 +116,23 @@ pub(crate) struct Computing {
 
 /// A run whose end was told.
 pub(crate) struct Ended<'a, M> {
-    pub(crate) end: &'a End<M>,
+    /// What it has made.
+    pub(crate) made: Option<&'a M>,
+    /// The task goes back to the queue.
+    pub(crate) is_requeued: bool,
     /// The end is recorded: the lease was not lost.
     pub(crate) is_recorded: bool,
     /// Its name in the log and the metrics.
     pub(crate) outcome: &'static str,
     pub(crate) took: Duration,
+}
+
+impl<'a, M> Ended<'a, M> {
+    /// The same of what is made of it.
+    pub(super) fn of<N>(self, of: impl FnOnce(&'a M) -> Option<&'a N>) -> Ended<'a, N> {
+        let Self { made, is_requeued, is_recorded, outcome, took } = self;
+        Ended { made: made.and_then(of), is_requeued, is_recorded, outcome, took }
+    }
 }
 
 /// Why a lease was not renewed or ended.
@@ -149,8 +163,8 @@ impl From<StoreError> for LeaseError {
 pub(crate) enum Following {
     /// A job of the store of this process.
     Job(Subscription<JobId>),
-    /// A job of a server.
-    JobThere(watch::Receiver<super::there::State>),
+    /// A job or an export of a server.
+    There(watch::Receiver<super::there::State>),
     /// An export, and its job, with which it goes.
     Export(Subscription<ExportId>, Subscription<JobId>),
 }
@@ -160,7 +174,7 @@ impl Following {
     pub(super) async fn changed(&mut self) {
         match self {
             Self::Job(changes) => changes.changed().await,
-            Self::JobThere(changes) => {
+            Self::There(changes) => {
                 if changes.changed().await.is_err() {
                     std::future::pending::<()>().await;
                 }

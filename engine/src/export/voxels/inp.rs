@@ -57,7 +57,8 @@ pub(in crate::export) struct Interfaces {
 
 impl Interfaces {
     /// Those of the longest file that is likely: fine grains and several aggregates.
-    pub(super) const MOST: Self = Self { fraction: 0.5, surface_per_mm: f64::INFINITY, has_sets: true };
+    pub(in crate::export) const MOST: Self =
+        Self { fraction: 0.5, surface_per_mm: f64::INFINITY, has_sets: true };
 
     /// Those of numbers of grains with their diameters in mm, as spheres.
     pub(in crate::export) fn of(

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::base_path;
 use crate::exports::{ExportRecord, ExportState};
 use crate::http::exports::address::{file_path, script_path, status_path};
-use crate::http::response::{set, time};
+use crate::http::response::{named, set, time};
 use crate::http::waiting::Changing;
 use crate::ids::JobId;
 use crate::problem::FailureDocument;
@@ -33,6 +33,10 @@ pub(crate) struct Export {
     /// Whether it stays with its job. Else it is part of a cache: it may be dropped at any time, and is made again when
     /// it is requested again.
     kept: bool,
+    /// Name of the worker process that makes or made it, in the slots of packings; `null` for the server itself, and
+    /// while it waits.
+    #[cfg_attr(test, schema(required))]
+    worker: Option<String>,
     /// How far it is while it is being made.
     #[cfg_attr(test, schema(value_type = Option<crate::jobs::JobProgress>, required))]
     progress: Option<Value>,
@@ -126,6 +130,7 @@ impl Export {
             options: record.options.clone(),
             state: record.state,
             kept: record.kept,
+            worker: named(&record.worker).filter(|_| record.state != ExportState::Queued),
             progress: record.progress.clone(),
             media_type: record.export().map(|export| export.media_type()),
             bytes: record.file.as_ref().map(|file| file.bytes),

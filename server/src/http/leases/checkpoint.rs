@@ -20,7 +20,7 @@ use crate::tasks;
 
 /// Get the checkpoint that earlier attempts of the job have left
 #[cfg_attr(test, utoipa::path(
-    get, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "get_checkpoint",
+    get, path = "/v1/leases/{task}/{attempt}/checkpoint", tag = "workers", operation_id = "get_checkpoint",
     params(LeasePath),
     responses(
         (status = 200, description = "The checkpoint", content_type = "application/octet-stream"),
@@ -55,7 +55,7 @@ pub(crate) async fn get(
 /// It replaces those of the job before. The lease goes on. What is no checkpoint, or is damaged,
 /// is refused.
 #[cfg_attr(test, utoipa::path(
-    put, path = "/v1/leases/{job}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
+    put, path = "/v1/leases/{task}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
     params(LeasePath),
     request_body(content_type = "application/octet-stream", description = "The checkpoint"),
     responses(

@@ -20,20 +20,23 @@ use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{json, set};
 use crate::http::waiting::PREFERENCE_APPLIED;
-use crate::jobs::store::{Claim, Claimed, Store, StoreError, WakeUp, WorkUntil};
+use crate::jobs::store::{Claim, Claimed, ClaimedExport, LEAST_TIME, Store, StoreError, WakeUp, WorkUntil};
 use crate::metrics::LeaseEvent;
 use crate::problem::{Kind, Problem};
 use crate::storage::Bound;
 use crate::tasks;
 use crate::workers::documents::{BUILD, LeaseDocument, LeaseRequest, LeasesDocument};
+use crate::workers::leased_export::ExportLeaseDocument;
 
 /// Longest body: a few short names and numbers.
 const MAX_BODY_BYTES: u64 = 16 << 10;
 
-/// Lease jobs
+/// Lease jobs, or an export
 ///
 /// For `packstone worker` of the same build, with a key of the role `worker`. With `Prefer: wait=N` the answer is held
-/// back until a job waits. A lease ends by its result, by `/end`, or when it was not renewed for `lease_s`. With no
+/// back until a job waits, or an export that takes as long and that the request of a job asked for: of these one at a
+/// time is leased, before jobs, first of all one of a job that the process has packed. A lease ends by its result, by
+/// `/end`, or when it was not renewed for `lease_s`. With no
 /// `slots` the answer has only jobs that an earlier request of the same `claim` has leased, whose answer was not read,
 /// and is not held back.
 #[cfg_attr(test, utoipa::path(
@@ -41,8 +44,8 @@ const MAX_BODY_BYTES: u64 = 16 << 10;
     params(("Prefer" = Option<String>, Header, description = "`wait=N` holds the answer back for up to N seconds")),
     request_body = LeaseRequest,
     responses(
-        (status = 200, description = "The jobs", body = LeasesDocument),
-        (status = 204, description = "No job waits"),
+        (status = 200, description = "The jobs, or the export", body = LeasesDocument),
+        (status = 204, description = "Neither waits"),
         crate::http::problems::sets::LeaseProblems
     )
 ))]
@@ -91,7 +94,12 @@ pub(crate) async fn lease(
         store.wake_next_worker();
         let is_long =
             claimed.claimed.iter().map(|claimed| claimed.request.len()).sum::<usize>() > SMALL_BODY_BYTES;
-        let document = LeasesDocument { leases: documents(&app, &claimed.claimed).await? };
+        let leases = documents(&app, &claimed.claimed).await?;
+        let exports = match &claimed.export {
+            Some(export) => vec![export_document(&app, export).await],
+            None => Vec::new(),
+        };
+        let document = LeasesDocument { leases, exports };
         claimed.until_taken(json(&app, StatusCode::OK, document, is_long).await)
     };
     if let Some(wait) = wait {
@@ -118,15 +126,17 @@ async fn check_build(app: &App, request: &LeaseRequest) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Jobs that are leased to a worker which has not got the answer. Dropped, they return to the queue at once.
+/// Jobs, or an export, that are leased to a worker which has not got the answer. Dropped, they return to the queue at
+/// once.
 struct Unanswered {
     store: Store,
     claimed: Vec<Claimed>,
+    export: Option<ClaimedExport>,
 }
 
 impl Unanswered {
     fn is_empty(&self) -> bool {
-        self.claimed.is_empty()
+        self.claimed.is_empty() && self.export.is_none()
     }
 
     /// The answer with these jobs. They return to the queue where the connection closes before the answer is taken from
@@ -142,6 +152,7 @@ impl Unanswered {
         let mut unanswered = self;
         let body = body.map_frame(move |frame| {
             unanswered.claimed.clear();
+            unanswered.export = None;
             frame
         });
         Response::from_parts(head, Body::new(body))
@@ -150,12 +161,23 @@ impl Unanswered {
 
 impl Drop for Unanswered {
     fn drop(&mut self) {
-        let claimed = std::mem::take(&mut self.claimed);
-        if claimed.is_empty() {
+        let (claimed, export) = (std::mem::take(&mut self.claimed), self.export.take());
+        if claimed.is_empty() && export.is_none() {
             return;
         }
         let store = self.store.clone();
         tasks::spawn(async move {
+            if let Some(ClaimedExport { export, .. }) = export {
+                match store.export_requeued(&export).await {
+                    Ok(()) => {
+                        tracing::info!(export_id = %export.id, "a worker hung up before it got the export: requeued");
+                    }
+                    Err(StoreError::LeaseLost) => {}
+                    Err(error) => {
+                        tracing::warn!(%error, export_id = %export.id, "a lease that nobody has will run out");
+                    }
+                }
+            }
             for Claimed { lease, .. } in claimed {
                 match store.give_back(lease).await {
                     Ok(()) => {
@@ -171,19 +193,41 @@ impl Drop for Unanswered {
     }
 }
 
-/// Leases jobs, and gives them back where the client has hung up meanwhile.
+/// Leases an export or jobs, and gives them back where the client has hung up meanwhile.
 async fn claim_heard(app: &App, claim: Claim) -> Result<Unanswered, Problem> {
     let store = app.shared.store.clone();
     let (sender, receiver) = oneshot::channel();
     tasks::spawn(async move {
-        let claimed = store.claim_for(claim).await;
+        let claimed = claim_any(&store, claim).await;
         // Where nobody receives them, they are dropped.
-        let _ = sender.send(claimed.map(|claimed| Unanswered { store, claimed }));
+        let _ = sender.send(claimed.map(|(claimed, export)| Unanswered { store, claimed, export }));
     });
     match receiver.await {
         Ok(claimed) => Ok(claimed?),
         Err(_) => Err(Problem::internal()),
     }
+}
+
+/// Leases an export for the slots of packings, else jobs.
+async fn claim_any(store: &Store, claim: Claim) -> Result<(Vec<Claimed>, Option<ClaimedExport>), StoreError> {
+    // An export that a process cannot end in its time begins anew elsewhere.
+    if claim.remaining.is_none_or(|remaining| remaining >= LEAST_TIME)
+        && let Some(export) = store.claim_export_for(claim.clone()).await?
+    {
+        return Ok((Vec::new(), Some(export)));
+    }
+    Ok((store.claim_for(claim).await?, None))
+}
+
+async fn export_document(app: &App, claimed: &ClaimedExport) -> ExportLeaseDocument {
+    let shared = &app.shared;
+    // A store that cannot tell may have as many as there are slots.
+    let queued = shared.store.queued().await.unwrap_or(u64::MAX);
+    let export = &claimed.export;
+    let room = shared.storage.room(&export.owner).await.unwrap_or((u64::MAX, Bound::Disk));
+    shared.metrics.lease(LeaseEvent::Taken, 1);
+    tracing::info!(export_id = %export.id, attempt = export.attempt, worker = export.worker, "leased");
+    ExportLeaseDocument::of(claimed, shared.store.lease().as_secs_f64(), &shared.limits, room, queued)
 }
 
 /// Whether an attempt before has left a checkpoint.
@@ -252,7 +296,7 @@ mod tests {
         let claim = Claim { worker, key, id, slots: 1, remaining: None };
         let claimed = store.claim_for(claim).await.unwrap();
         assert_eq!(claimed[0].job.id, job.id);
-        (store.clone(), job.id, Unanswered { store, claimed })
+        (store.clone(), job.id, Unanswered { store, claimed, export: None })
     }
 
     async fn state(store: &Store, id: JobId) -> State {

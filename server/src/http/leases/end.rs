@@ -8,13 +8,14 @@ use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
 use packstone_engine::FieldError;
 
-use super::{LeasePath, lost, note_end, read, recorded, refused, remove_checkpoints, running};
+use super::{LeasePath, export, lost, note_end, read, recorded, refused, remove_checkpoints};
 use crate::accounts::Caller;
 use crate::artifacts::receive::most_bytes_of_result;
 use crate::failure::{Failure, FailureCode};
 use crate::http::app::App;
 use crate::http::body::JsonBody;
 use crate::http::params::{NoParameters, Query};
+use crate::jobs::store::{Held, StoreError};
 use crate::jobs::{JobRecord, Lease, WaitReason};
 use crate::metrics::LeaseEvent;
 use crate::problem::Problem;
@@ -29,10 +30,11 @@ const MAX_BODY_BYTES: u64 = 1 << 20;
 
 /// End a lease without a result
 ///
-/// The job has failed, was cancelled, or goes back to the queue. A failure must be one that a worker can know; one that
-/// follows from the request is verified before the job fails. A repeated request is answered as the first was.
+/// The job has failed, was cancelled, or goes back to the queue; or the export. A failure must be one that a worker can
+/// know; one that follows from the request of a job is verified before the job fails. A repeated request is answered as
+/// the first was.
 #[cfg_attr(test, utoipa::path(
-    post, path = "/v1/leases/{job}/{attempt}/end", tag = "workers", operation_id = "end_lease",
+    post, path = "/v1/leases/{task}/{attempt}/end", tag = "workers", operation_id = "end_lease",
     params(LeasePath),
     request_body = EndRequest,
     responses(
@@ -48,11 +50,14 @@ pub(crate) async fn end(
     mut body: JsonBody,
 ) -> Result<Response, Problem> {
     let request: EndRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
-    let Some(lease) = running(&app, &caller.by.key, path).await? else {
-        return Ok(recorded().into_response());
-    };
     let store = &app.shared.store;
-    let job = store.get(path.id).await?.ok_or_else(lost)?;
+    let lease = match store.held(&caller.by.key, path.id, path.attempt).await? {
+        Held::Running { lease, .. } => lease,
+        Held::RunningExport(lease) => return export::end(&app, lease, request).await,
+        Held::Ended => return Ok(recorded().into_response()),
+        Held::Lost => return Err(refused(&app, StoreError::LeaseLost)),
+    };
+    let job = store.get(lease.id).await?.ok_or_else(lost)?;
     let (outcome, ended) = match (request.outcome, request.failure) {
         (EndOutcome::Failed, Some(failure)) => return failed(&app, path, lease, &job, failure).await,
         (EndOutcome::Cancelled, _) if !job.cancel_requested => {

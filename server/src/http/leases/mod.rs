@@ -6,6 +6,7 @@
 pub(crate) mod checkpoint;
 pub(crate) mod claim;
 pub(crate) mod end;
+pub(crate) mod export;
 pub(crate) mod renew;
 pub(crate) mod result;
 mod upload;
@@ -22,12 +23,13 @@ use utoipa::IntoParams;
 #[cfg(test)]
 use utoipa::openapi::path::{Parameter, ParameterIn};
 
+use crate::exports::ExportLease;
 use crate::failure::Failure;
 use crate::http::app::App;
 #[cfg(test)]
 use crate::http::params::described::{path_parameter, uuid_schema};
 use crate::http::params::paths::segments;
-use crate::ids::JobId;
+use crate::ids::TaskId;
 use crate::jobs::Lease;
 use crate::jobs::store::{Held, StoreError};
 use crate::metrics::LeaseEvent;
@@ -38,7 +40,7 @@ use crate::workers::documents::Checked;
 /// The lease that a path names.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LeasePath {
-    pub(crate) id: JobId,
+    pub(crate) id: TaskId,
     pub(crate) attempt: i64,
 }
 
@@ -47,10 +49,12 @@ impl<S: Send + Sync> FromRequestParts<S> for LeasePath {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let found: Option<(String, String)> = segments(parts, state).await;
-        let read = found.and_then(|(job, attempt)| {
-            Some(Self { id: JobId::parse(&job)?, attempt: attempt.parse().ok()? })
+        let read = found.and_then(|(task, attempt)| {
+            Some(Self { id: TaskId::parse(&task)?, attempt: attempt.parse().ok()? })
         });
-        read.ok_or_else(|| Problem::new(Kind::NotFound, "a lease is named by the ID of a job and an attempt"))
+        read.ok_or_else(|| {
+            Problem::new(Kind::NotFound, "a lease is named by the ID of a job or an export and an attempt")
+        })
     }
 }
 
@@ -60,7 +64,7 @@ impl IntoParams for LeasePath {
         use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
         let attempt: Object = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1)).build();
         vec![
-            path_parameter("job", uuid_schema(), "ID of the job"),
+            path_parameter("task", uuid_schema(), "ID of the job or the export"),
             path_parameter("attempt", attempt, "Number of the attempt"),
         ]
     }
@@ -79,21 +83,33 @@ pub(super) fn recorded() -> axum::Json<LeaseEnded> {
     axum::Json(LeaseEnded { state: "recorded" })
 }
 
-/// The lease of a key, if its attempt runs; `None` where the attempt has ended already.
+/// The lease of a key on a job, if its attempt runs; `None` where the attempt has ended already.
 ///
 /// # Errors
-/// `lease-lost`, or the store's.
+/// `lease-lost`, also where it is one on an export, or the store's.
 pub(super) async fn running(app: &App, key: &str, path: LeasePath) -> Result<Option<Lease>, Problem> {
     match app.shared.store.held(key, path.id, path.attempt).await? {
         Held::Running { lease, .. } => Ok(Some(lease)),
         Held::Ended => Ok(None),
-        Held::Lost => Err(refused(app, StoreError::LeaseLost)),
+        Held::RunningExport(_) | Held::Lost => Err(refused(app, StoreError::LeaseLost)),
+    }
+}
+
+/// The same of an export.
+///
+/// # Errors
+/// `lease-lost`, also where it is one on a job, or the store's.
+pub(super) async fn making(app: &App, key: &str, path: LeasePath) -> Result<Option<ExportLease>, Problem> {
+    match app.shared.store.held(key, path.id, path.attempt).await? {
+        Held::RunningExport(lease) => Ok(Some(lease)),
+        Held::Ended => Ok(None),
+        Held::Running { .. } | Held::Lost => Err(refused(app, StoreError::LeaseLost)),
     }
 }
 
 /// The lease is not that of the key any more.
 pub(super) fn lost() -> Problem {
-    Problem::new(Kind::LeaseLost, "the lease was lost: the job is another attempt's, or gone")
+    Problem::new(Kind::LeaseLost, "the lease was lost: the job or the export is another attempt's, or gone")
 }
 
 /// What the store says of a lease.

@@ -38,7 +38,7 @@ parameters! {
 /// another request. What it accepts is checked after the answer: the job runs on, and succeeds if the packing is right;
 /// if not, it is requeued, and the wrong result counts for the worker. A repeated request is answered as the first was.
 #[cfg_attr(test, utoipa::path(
-    put, path = "/v1/leases/{job}/{attempt}/result", tag = "workers", operation_id = "put_result",
+    put, path = "/v1/leases/{task}/{attempt}/result", tag = "workers", operation_id = "put_result",
     params(LeasePath, ResultParameters),
     request_body(content_type = "application/octet-stream", description = "The stored form of the result"),
     responses(
@@ -80,7 +80,7 @@ async fn take_in(
     };
     let began = Instant::now();
     let store = &app.shared.store;
-    let job = store.get(path.id).await?.ok_or_else(lost)?;
+    let job = store.get(lease.id).await?.ok_or_else(lost)?;
     let request = store.request_text(job.seq).await?;
     let most_bytes = most_bytes_of_result(app.shared.limits.max_grains, request.len() as u64);
     let most_bytes = app.shared.storage.room(&job.owner).await?.0.min(most_bytes);

@@ -7,8 +7,8 @@ use tokio::sync::Notify;
 use tokio::time::{Instant, timeout};
 
 use super::idle_workers::{Mark, WorkUntil};
-use super::{Lease, Shared, Store, StoreError, Subscription};
-use crate::ids::{ExportId, StudyId};
+use super::{ExportQueue, Lease, Shared, Store, StoreError, Subscription};
+use crate::ids::{ExportId, StudyId, TaskId};
 use crate::jobs::journal::Changed;
 use crate::jobs::{JobId, JobRecord};
 use crate::tasks;
@@ -101,9 +101,15 @@ impl Store {
         self.shared.changes.subscribe(id)
     }
 
-    /// How many listen for changes of a job.
-    pub(crate) fn listeners(&self, id: JobId) -> usize {
-        self.shared.changes.listeners(id)
+    /// Starts to listen for changes of a job or an export. Subscribe first, then read.
+    pub(crate) fn subscribe_task(&self, id: TaskId) -> (Subscription<JobId>, Subscription<ExportId>) {
+        (self.subscribe(id.job()), self.subscribe_export(id.export()))
+    }
+
+    /// How many listen for changes of a job or an export.
+    pub(crate) fn watchers(&self, id: TaskId) -> usize {
+        // Who listens for what may be either listens for both.
+        self.shared.changes.listeners(id.job()).max(self.shared.export_changes.listeners(id.export()))
     }
 
     /// Starts to listen for changes of a study. Subscribe first, then read.
@@ -118,11 +124,11 @@ impl Store {
 
     /// Waits until there may be an export to make. No wake-up tells of the end of a pause that another process began,
     /// or of a clock that was set: so it looks for itself from time to time.
-    pub(crate) async fn exports_queued(&self, quick: bool) {
-        let workers = &self.shared.export_workers[usize::from(quick)];
+    pub(crate) async fn exports_queued(&self, queue: ExportQueue) {
+        let workers = &self.shared.export_workers[usize::from(queue == ExportQueue::Quick)];
         while timeout(LOOK_FOR_EXPORTS, workers.notified()).await.is_err() {
             // A store that cannot tell is asked by the claim, which reports the fault.
-            if self.has_claimable_export(quick).await.unwrap_or(true) {
+            if self.has_claimable_export(queue).await.unwrap_or(true) {
                 return;
             }
         }
@@ -139,9 +145,9 @@ impl Store {
         WakeUp(Some(self.clone()))
     }
 
-    /// Wakes an idle worker where a job waits that it may start, whatever was told: quotas are raised, pauses end and
-    /// clocks are set without a word, and the words of other servers may be lost. Costs nothing where no worker is
-    /// idle, else a statement that changes nothing.
+    /// Wakes an idle worker where a job or an export waits that it may start, whatever was told: quotas are raised,
+    /// pauses end and clocks are set without a word, and the words of other servers may be lost. Costs nothing where no
+    /// worker is idle, else statements that change nothing.
     ///
     /// # Errors
     /// The database's.
@@ -151,7 +157,7 @@ impl Store {
             WorkUntil::Moment(moment) => Some(moment.saturating_duration_since(Instant::now())),
             WorkUntil::Unlimited => None,
         };
-        if self.has_claimable_job(remaining).await? {
+        if self.has_claimable_job(remaining).await? || self.has_claimable_export(ExportQueue::Heavy).await? {
             self.wake_next_worker();
         }
         Ok(())
@@ -178,9 +184,10 @@ impl Store {
         self.shared.wake(Change::Queue);
     }
 
-    /// After a commit that put an export into the queue.
+    /// After a commit that put an export into the queue: one for export workers, or for the slots of packings.
     pub(super) fn wake_export_workers(&self) {
         self.announce(Change::Exports);
+        self.wake_worker();
     }
 
     /// Wakes one more export worker: of a burst of requests, only the last may have left its mark.

@@ -20,12 +20,12 @@ pub(crate) const MOST_WRONG_RESULTS: i64 = 3;
 /// is more likely than faulty machines.
 const MOST_WRONG_OF_JOB: i64 = 2 * MOST_WRONG_RESULTS;
 
-/// What has become of a job whose attempt ended wrongly.
+/// What has become of a job or an export whose attempt ended wrongly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Refused {
     /// Wrong results of the worker process, this one too, since it was last allowed.
     pub(crate) of_worker: i64,
-    /// The job has failed: too many of its results were wrong.
+    /// The job or the export has failed: too many of its results were wrong.
     pub(crate) has_failed: bool,
 }
 
@@ -297,6 +297,28 @@ pub(super) async fn wrong_results_of(
     Ok(count.bind(key).bind(worker).scalar(tx).await?)
 }
 
+/// Counts a wrong result for the worker process of that key and name.
+pub(super) async fn count_wrong(
+    store: &Store,
+    (key, worker): (&str, &str),
+    (job, attempt): (JobId, i64),
+    fault: &str,
+    tx: &mut Transaction<'_>,
+) -> Result<(), StoreError> {
+    query(
+        "insert into wrong_results (worker_key, worker, job, attempt, fault, at) values (?1, ?2, ?3, ?4, ?5, ?6)",
+    )
+    .bind(key)
+    .bind(worker)
+    .bind(job.to_string())
+    .bind(attempt)
+    .bind(fault)
+    .bind(store.now_us())
+    .execute(tx)
+    .await?;
+    Ok(())
+}
+
 async fn refuse(
     store: &Store,
     lease: Lease,
@@ -312,17 +334,7 @@ async fn refuse(
     .await?
     .ok_or(StoreError::LeaseLost)?;
     let (key, worker): (String, String) = (row.try_get("worker_key")?, row.try_get("worker")?);
-    query(
-        "insert into wrong_results (worker_key, worker, job, attempt, fault, at) values (?1, ?2, ?3, ?4, ?5, ?6)",
-    )
-    .bind(&key)
-    .bind(&worker)
-    .bind(lease.id.to_string())
-    .bind(lease.attempt)
-    .bind(fault)
-    .bind(store.now_us())
-    .execute(&mut *tx)
-    .await?;
+    count_wrong(store, (&key, &worker), (lease.id, lease.attempt), fault, tx).await?;
     let of_job: i64 = query("select count(*) from wrong_results where job = ?")
         .bind(lease.id.to_string())
         .scalar(&mut *tx)

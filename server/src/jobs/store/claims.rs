@@ -76,8 +76,8 @@ pub(super) const NEXT_IN_QUEUE: &str = next_in_queue!(sqlite);
 pub(super) const NEXT_WITHIN: &str = next_in_queue!(sqlite within);
 
 /// Leases a job to a worker, with the columns that [`Claimed::of`] reads. A job that waits has no artifact. Changes
-/// nothing where the claim holds another number of leases than `?9`: then it is a repeated one. Changes nothing either
-/// where the process has sent `?10` wrong results.
+/// nothing where the claim holds another number of leases than `?9`, or an export: then it is a repeated one. Changes
+/// nothing either where the process has sent `?10` wrong results.
 macro_rules! lease {
     ($next:expr) => {
         concat!(
@@ -90,6 +90,8 @@ macro_rules! lease {
                  select count(*) from jobs as leased
                  where leased.claim = ?8 and leased.worker_key = ?7 and leased.state = 'running'
                      and leased.received_at is null
+             ) and not exists (
+                 select 1 from exports where claim = ?8 and worker_key = ?7 and state = 'running'
              ) and ?10 > (
                  select count(*) from wrong_results where wrong_results.worker_key = ?7 and wrong_results.worker = ?6
              ) returning *, cast(null as text) as path,

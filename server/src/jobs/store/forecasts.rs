@@ -13,7 +13,7 @@ use crate::jobs::request::MAX_TIMEOUT_S;
 pub(crate) const UNKNOWN_FORECAST: Duration = Duration::from_mins(1);
 
 /// The least time of a worker for a job that is forecast to take longer, and whose method keeps checkpoints.
-const LEAST_TIME: Duration = Duration::from_secs(30);
+pub(crate) const LEAST_TIME: Duration = Duration::from_secs(30);
 
 /// The forecasts of all jobs in a state, added up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -10,7 +10,7 @@ use std::time::Duration;
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
 use super::{Store, StoreError, fault_pause, micros, rows};
-use crate::exports::ExportRecord;
+use crate::exports::ExportLease;
 use crate::failure::Failure;
 use crate::jobs::{JobProgress, Lease, StopRequests, WaitReason};
 
@@ -35,8 +35,8 @@ impl From<Lease> for LeasedTask {
     }
 }
 
-impl From<&ExportRecord> for LeasedTask {
-    fn from(of: &ExportRecord) -> Self {
+impl From<ExportLease> for LeasedTask {
+    fn from(of: ExportLease) -> Self {
         Self { kind: Kind::Export, seq: of.seq, attempt: of.attempt }
     }
 }
@@ -60,7 +60,7 @@ macro_rules! of_kind {
                 $text!(
                     "exports",
                     "state = 'running'",
-                    "false",
+                    "worker <> ''",
                     "false",
                     "null",
                     "id, owner, false as cancel_requested, false as finish_requested"

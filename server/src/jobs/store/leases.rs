@@ -9,8 +9,11 @@ use std::time::Duration;
 use super::checked::{MOST_WRONG_RESULTS, wrong_results_of};
 use super::claims::{Claimed, Lessee};
 use super::db::{Durability, Row, Transaction, query};
+use super::exports::renew_export;
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
+use crate::exports::ExportLease;
+use crate::ids::TaskId;
 use crate::jobs::{JobId, JobProgress, Lease, State, StopRequests};
 
 /// A process that asks for jobs.
@@ -32,7 +35,7 @@ pub(crate) struct Claim {
 /// The renewal of a lease.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Renewal {
-    pub(crate) id: JobId,
+    pub(crate) id: TaskId,
     pub(crate) attempt: i64,
     /// News of the run, where there are any.
     pub(crate) progress: Option<JobProgress>,
@@ -45,7 +48,7 @@ pub(crate) struct RunningProcess {
     pub(crate) key: String,
     /// Its own name.
     pub(crate) worker: String,
-    /// How many jobs it runs.
+    /// How many jobs and exports it runs.
     pub(crate) jobs: u64,
     /// It was heard within its lease.
     pub(crate) is_heard: bool,
@@ -56,10 +59,12 @@ pub(crate) struct RunningProcess {
 pub(crate) enum Held {
     /// The attempt runs.
     Running { lease: Lease, requests: StopRequests },
-    /// The attempt was the last of the job, which has ended, waits for a client, or waits for the check of what the
-    /// process has sent.
+    /// The attempt of an export runs.
+    RunningExport(ExportLease),
+    /// The attempt was the last of the job or the export, which has ended, waits for a client, or waits for the check
+    /// of what the process has sent.
     Ended,
-    /// The job is another attempt's, or gone.
+    /// The job or the export is another attempt's, or gone.
     Lost,
 }
 
@@ -92,7 +97,7 @@ impl Store {
     pub(crate) async fn renew(&self, key: String, renewals: Vec<Renewal>) -> Result<Vec<Held>, StoreError> {
         let store = self.clone();
         self.detached(async move {
-            let reported: Vec<JobId> = renewals
+            let reported: Vec<TaskId> = renewals
                 .iter()
                 .filter(|renewal| renewal.progress.is_some())
                 .map(|renewal| renewal.id)
@@ -102,8 +107,11 @@ impl Store {
                     Box::pin(renew_all(store, key, renewals, tx))
                 })
                 .await?;
-            for id in reported {
-                store.notify(id);
+            for (id, held) in reported.into_iter().zip(&held) {
+                match held {
+                    Held::RunningExport(of) => store.notify_export(of.id),
+                    _ => store.notify(id.job()),
+                }
             }
             Ok(held)
         })
@@ -114,7 +122,13 @@ impl Store {
     ///
     /// # Errors
     /// The database's.
-    pub(crate) async fn held(&self, key: &str, id: JobId, attempt: i64) -> Result<Held, StoreError> {
+    pub(crate) async fn held(
+        &self,
+        key: &str,
+        id: impl Into<TaskId>,
+        attempt: i64,
+    ) -> Result<Held, StoreError> {
+        let id = id.into();
         let row = query(
             "select seq, state, cancel_requested, finish_requested, received_at,
                  (select studies.id from studies where studies.seq = jobs.study) as study_id
@@ -125,13 +139,13 @@ impl Store {
         .bind(key)
         .fetch_optional(self.readers())
         .await?;
-        let Some(row) = row else { return Ok(Held::Lost) };
+        let Some(row) = row else { return self.held_export(key, id.export(), attempt).await };
         let state = rows::state(row.text("state")?)?;
         Ok(match state {
             // Its result, or why there is none, was received.
             State::Running if row.try_get::<Option<i64>>("received_at")?.is_some() => Held::Ended,
             State::Running => {
-                Held::Running { lease: lease(&row, id, attempt)?, requests: rows::stop_requests(&row)? }
+                Held::Running { lease: lease(&row, id.job(), attempt)?, requests: rows::stop_requests(&row)? }
             }
             state if state.is_finished() => Held::Ended,
             _ => Held::Lost,
@@ -144,8 +158,12 @@ impl Store {
     /// The database's.
     pub(crate) async fn processes(&self) -> Result<Vec<RunningProcess>, StoreError> {
         let rows = query(
-            "select worker_key, worker, count(*) as jobs, max(lease_expires_at) as lease_expires_at from jobs
-             where state = 'running' and worker <> '' and received_at is null group by worker_key, worker",
+            "select worker_key, worker, count(*) as jobs, max(lease_expires_at) as lease_expires_at from (
+                 select worker_key, worker, lease_expires_at from jobs
+                 where state = 'running' and worker <> '' and received_at is null
+                 union all select worker_key, worker, lease_expires_at from exports
+                 where state = 'running' and worker <> ''
+             ) as leased group by worker_key, worker",
         )
         .fetch_all(self.readers())
         .await?;
@@ -162,8 +180,8 @@ impl Store {
             .collect()
     }
 
-    /// Gives every process that runs jobs the time of a lease to find the server again, at its start. Returns how many
-    /// jobs they run.
+    /// Gives every process that runs jobs and exports the time of a lease to find the server again, at its start.
+    /// Returns how many they run.
     ///
     /// # Errors
     /// The database's.
@@ -171,14 +189,16 @@ impl Store {
         let store = self.clone();
         self.detached(async move {
             let mut writer = store.quick_writer().await?;
-            let moved = query(
+            let until = store.now_us().saturating_add(micros(store.limits().lease));
+            let mut moved = 0;
+            for text in [
                 "update jobs set lease_expires_at = ?
-                     where state = 'running' and worker <> '' and received_at is null",
-            )
-            .bind(store.now_us().saturating_add(micros(store.limits().lease)))
-            .execute(&mut writer)
-            .await?;
-            Ok(moved.rows_affected())
+                 where state = 'running' and worker <> '' and received_at is null",
+                "update exports set lease_expires_at = ? where state = 'running' and worker <> ''",
+            ] {
+                moved += query(text).bind(until).execute(&mut writer).await?.rows_affected();
+            }
+            Ok(moved)
         })
         .await
     }
@@ -233,10 +253,10 @@ async fn renew_all(
         .await?;
         held.push(match row {
             Some(row) => Held::Running {
-                lease: lease(&row, renewal.id, renewal.attempt)?,
+                lease: lease(&row, renewal.id.job(), renewal.attempt)?,
                 requests: rows::stop_requests(&row)?,
             },
-            None => Held::Lost,
+            None => renew_export(store, key, renewal, tx).await?,
         });
     }
     Ok(held)

@@ -20,7 +20,7 @@ fn claim(id: &str, slots: u32) -> Claim {
 }
 
 fn renewal(lease: Lease) -> Renewal {
-    Renewal { id: lease.id, attempt: lease.attempt, progress: None }
+    Renewal { id: lease.id.into(), attempt: lease.attempt, progress: None }
 }
 
 async fn held(store: &Store, lease: Lease) -> Held {

@@ -85,16 +85,16 @@ use presence::{Damage, Mark, Presence};
 use writer::{Writer, Writing};
 
 pub(crate) use changes::WakeUp;
-pub(crate) use checked::{FaultyWorker, FormatLengths, MOST_WRONG_RESULTS};
+pub(crate) use checked::{FaultyWorker, FormatLengths, MOST_WRONG_RESULTS, Refused};
 pub(crate) use claims::Claimed;
 pub(crate) use database::{Database, NoDatabase};
 #[cfg(test)]
 pub(crate) use every_row::RowsRead;
 pub(crate) use every_row::read_every_row;
-pub(crate) use exports::{ClaimedExport, Retention};
+pub(crate) use exports::{ClaimedExport, ExportQueue, Retention};
 pub(crate) use faults::Fault;
 pub(crate) use files::{ExpectedFile, files_of, known_of};
-pub(crate) use forecasts::{ForecastWork, UNKNOWN_FORECAST};
+pub(crate) use forecasts::{ForecastWork, LEAST_TIME, UNKNOWN_FORECAST};
 pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;

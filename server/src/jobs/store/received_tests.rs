@@ -44,7 +44,7 @@ async fn a_received_result_is_no_result_before_it_is_checked() {
     assert_eq!(store.unchecked().await.unwrap(), 1);
     // For its worker the attempt is over, whatever it sends; its lease does not run out.
     assert_eq!(store.held("workers", lease.id, 1).await.unwrap(), Held::Ended);
-    let late = Renewal { id: lease.id, attempt: 1, progress: Some(progress(0.5)) };
+    let late = Renewal { id: lease.id.into(), attempt: 1, progress: Some(progress(0.5)) };
     assert_eq!(store.renew("workers".into(), vec![late]).await.unwrap(), [Held::Lost]);
     assert!(matches!(store.give_back(lease).await, Err(StoreError::LeaseLost)));
     assert!(matches!(

@@ -305,7 +305,7 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
     store.request_export(job.id, export, Retention::Kept).await.unwrap();
     let mut runs = Vec::new();
     for is_fault in [false, true] {
-        let run = store.claim_export(false).await.unwrap().unwrap().export;
+        let run = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
         if is_fault {
             store.export_requeued_after_fault(&run).await.unwrap();
         } else {
@@ -314,7 +314,7 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
         runs.push(run);
     }
     query("update exports set not_before = null").execute(&mut store.writer().await.unwrap()).await.unwrap();
-    let last = store.claim_export(false).await.unwrap().unwrap().export;
+    let last = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     assert_eq!((runs[0].attempt, runs[1].attempt, last.attempt), (1, 2, 3));
     for late in &runs {
         let file = StoredFile { path: "late".into(), bytes: 1, sha256: "cd".repeat(32) };
@@ -326,7 +326,11 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
             .await
             .unwrap();
         assert_eq!(store.reclaim_expired_exports().await.unwrap(), 1);
-        assert_eq!(store.claim_export(false).await.unwrap().is_some(), starts_left > 0, "neither counts");
+        assert_eq!(
+            store.claim_export(ExportQueue::Usual).await.unwrap().is_some(),
+            starts_left > 0,
+            "neither counts"
+        );
     }
 }
 

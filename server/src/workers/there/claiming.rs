@@ -1,50 +1,64 @@
-//! The request for the next job, and what becomes of it when the process stops before it has read the answer.
+//! The request for the next task, and what becomes of it when the process stops before it has read the answer.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use packstone_engine::Limits;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
 use tokio_util::sync::CancellationToken;
 
-use super::{Job, PAUSES, ServerError, Shared, State, There, address, key};
-use crate::ids::JobId;
-use crate::jobs::Lease;
+use super::{Job, Key, PAUSES, ServerError, Shared, State, There, address};
+use crate::artifacts::Artifacts;
+use crate::exports::{ExportLease, making};
+use crate::ids::TaskId;
+use crate::jobs::{ArtifactRecord, Lease};
 use crate::storage::Bound;
 use crate::workers::documents::{
-    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeasesDocument, MAX_REMAINING_S,
+    BUILD, EndOutcome, EndRequest, LeaseDocument, LeaseRequest, LeasesDocument, MAX_REMAINING_S, MAX_SLOTS,
 };
-use crate::workers::packing::{CLAIM_WAIT, Work};
+use crate::workers::in_slots::{OneOf, SlotTask};
+use crate::workers::leased_export::ExportLeaseDocument;
+use crate::workers::packing::Work;
 use crate::workers::slots::{Held, Slots, threads_of};
 use crate::workers::task::LeaseError;
 
+/// How long an idle process waits for a task before it looks whether it is to stop.
+const CLAIM_WAIT: Duration = Duration::from_secs(30);
 /// Time to requeue a job whose lease this process has not read when it stops.
 const RELEASE: Duration = Duration::from_secs(2);
 /// How often a process whose disk is full looks for room.
 const LOOK_FOR_ROOM: Duration = Duration::from_secs(1);
 
 impl There {
-    /// Leases the next job; `None` where none came for a while, or the process is to stop.
+    /// Leases the next job or export; `None` where none came for a while, or the process is to stop.
     pub(in crate::workers) async fn claim(
         &self,
         slots: &Slots,
         shutdown: &CancellationToken,
-    ) -> Result<Option<(Work, Held)>, LeaseError> {
+    ) -> Result<Option<(SlotTask, Held)>, LeaseError> {
         let asked = Mutex::default();
         let asking = async {
             let _turn = self.shared.claiming.lock().await;
             let reserved = slots.reserve().await;
-            Ok(self.ask(&asked).await.map(|document| {
+            Ok(self.ask(&asked).await.map(|leased| {
                 // No other claim is under way, so that nothing is waited for: the job would be lost if this were
                 // dropped meanwhile.
-                let threads = threads_of(document.threads, document.most_threads);
-                let left = if document.threads.is_none() { document.queued } else { 0 };
-                let held = reserved.take(threads, left);
-                (self.begin(&document, held.count()), held)
+                let (asked, most, queued) = match &leased {
+                    OneOf::Packing(of) => (of.threads, of.most_threads, of.queued),
+                    OneOf::Export(of) => (of.threads, MAX_SLOTS, of.queued),
+                };
+                let left = if asked.is_none() { queued } else { 0 };
+                let held = reserved.take(threads_of(asked, most), left);
+                let work = match leased {
+                    OneOf::Packing(of) => OneOf::Packing(self.begin(&of, held.count())),
+                    OneOf::Export(of) => OneOf::Export(self.begin_export(of, held.count())),
+                };
+                (work, held)
             }))
         };
         tokio::select! {
@@ -67,8 +81,10 @@ impl There {
         let released = async {
             let found =
                 self.shared.server.post::<LeasesDocument>("/v1/leases", &request, Duration::ZERO).await?;
-            for document in found.into_iter().flat_map(|found| found.leases) {
-                let lease = Lease { seq: 0, id: document.job, attempt: document.attempt, study: None };
+            let LeasesDocument { leases, exports } = found.unwrap_or_default();
+            let leases = leases.iter().map(|of| Key { id: of.job.into(), attempt: of.attempt });
+            let exports = exports.iter().map(|of| Key { id: of.export.into(), attempt: of.attempt });
+            for lease in leases.chain(exports) {
                 let end = EndRequest {
                     outcome: EndOutcome::Released,
                     failure: None,
@@ -105,7 +121,10 @@ impl There {
     }
 
     /// Asks for a job until the server has answered. While a request is under way, `asked` has it.
-    async fn ask(&self, asked: &Mutex<Option<LeaseRequest>>) -> Option<LeaseDocument> {
+    async fn ask(
+        &self,
+        asked: &Mutex<Option<LeaseRequest>>,
+    ) -> Option<OneOf<LeaseDocument, ExportLeaseDocument>> {
         let set = |request| *asked.lock().unwrap_or_else(PoisonError::into_inner) = request;
         self.await_room().await;
         let options = &self.shared.options;
@@ -119,7 +138,7 @@ impl There {
         }
         let mut request = LeaseRequest {
             // An ID as good as any other: it is only ever compared.
-            claim: JobId::new().to_string(),
+            claim: TaskId::new().to_string(),
             worker: options.name.clone(),
             slots: 1,
             remaining_s: None,
@@ -133,7 +152,9 @@ impl There {
             match self.shared.server.post::<LeasesDocument>("/v1/leases", &request, wait).await {
                 Ok(found) => {
                     set(None);
-                    return found.and_then(|found| found.leases.into_iter().next());
+                    let LeasesDocument { leases, exports } = found?;
+                    let export = exports.into_iter().next().map(OneOf::Export);
+                    return export.or_else(|| leases.into_iter().next().map(OneOf::Packing));
                 }
                 Err(error) if error.is_final() => {
                     set(None);
@@ -149,11 +170,43 @@ impl There {
         None
     }
 
+    fn keep_renewing_of(&self, lease: Key) {
+        let state = watch::Sender::new(State::Running);
+        self.jobs().insert(lease, Job { state, progress: None, sent: Instant::now() });
+        self.shared.changed.notify_one();
+    }
+
+    fn begin_export(&self, document: ExportLeaseDocument, threads: NonZeroUsize) -> making::Work {
+        let ExportLeaseDocument { export: id, job, attempt, .. } = document;
+        let lease = ExportLease { seq: 0, id, job, attempt };
+        self.keep_renewing_of(lease.into());
+        let limits = Limits {
+            max_model_bytes: document.max_model_bytes,
+            export_threads: threads,
+            ..Limits::default()
+        };
+        let result = ArtifactRecord {
+            path: Artifacts::path_of_result(&id.to_string(), attempt),
+            bytes: document.result_bytes,
+            sha256: document.result_sha256,
+            report: Map::new(),
+            format_revision: 0,
+            format_lengths: BTreeMap::new(),
+        };
+        making::Work {
+            lease,
+            kind: document.r#type,
+            options: document.options,
+            result,
+            faults: document.faults,
+            limits,
+            room: (document.room_bytes, Bound::Disk),
+        }
+    }
+
     fn begin(&self, document: &LeaseDocument, threads: NonZeroUsize) -> Work {
         let lease = Lease { seq: 0, id: document.job, attempt: document.attempt, study: None };
-        let state = watch::Sender::new(State::Running);
-        self.jobs().insert(key(lease), Job { state, progress: None, sent: Instant::now() });
-        self.shared.changed.notify_one();
+        self.keep_renewing_of(lease.into());
         let limits = Limits {
             max_grains: document.max_grains,
             max_memory_bytes: document.max_memory_bytes,

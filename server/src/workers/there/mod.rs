@@ -1,4 +1,4 @@
-//! Jobs from a server over HTTP.
+//! Jobs and exports from a server over HTTP.
 //!
 //! A process renews all its leases by one request, which the server holds back until one of the jobs changes, for 15 s
 //! at most: a request to cancel arrives at once. Checkpoints are written to the disk of the process, and sent to the
@@ -9,6 +9,7 @@
 //! is restarted costs no work, and a process that was cut off wastes its own time at most, for runs are deterministic.
 
 mod claiming;
+mod exports;
 mod server;
 
 use std::collections::HashMap;
@@ -31,8 +32,9 @@ use super::task::LeaseError;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
 use crate::disk::Disk;
+use crate::exports::ExportLease;
 use crate::failure::{Failure, FailureCode};
-use crate::ids::JobId;
+use crate::ids::TaskId;
 use crate::jobs::{JobProgress, Lease, StopRequests};
 use crate::studies::Facts;
 
@@ -79,7 +81,7 @@ struct Shared {
     checkpoints: Checkpoints,
     /// One slot asks at a time: a process has one connection that waits for jobs.
     claiming: tokio::sync::Mutex<()>,
-    jobs: Mutex<HashMap<(JobId, i64), Job>>,
+    jobs: Mutex<HashMap<Key, Job>>,
     /// A lease has begun or ended.
     changed: Notify,
     disk: Disk,
@@ -93,7 +95,7 @@ struct Shared {
     refused: Mutex<Option<ServerError>>,
 }
 
-/// A job that this process runs.
+/// A job or an export that this process runs.
 #[derive(Debug)]
 struct Job {
     state: watch::Sender<State>,
@@ -103,12 +105,28 @@ struct Job {
     sent: Instant,
 }
 
-fn key(lease: Lease) -> (JobId, i64) {
-    (lease.id, lease.attempt)
+/// What names a lease: the job or the export, and the attempt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Key {
+    id: TaskId,
+    attempt: i64,
 }
 
-fn address(lease: Lease, what: &str) -> String {
-    format!("/v1/leases/{}/{}/{what}", lease.id, lease.attempt)
+impl From<Lease> for Key {
+    fn from(lease: Lease) -> Self {
+        Self { id: lease.id.into(), attempt: lease.attempt }
+    }
+}
+
+impl From<ExportLease> for Key {
+    fn from(lease: ExportLease) -> Self {
+        Self { id: lease.id.into(), attempt: lease.attempt }
+    }
+}
+
+fn address(lease: impl Into<Key>, what: &str) -> String {
+    let Key { id, attempt } = lease.into();
+    format!("/v1/leases/{id}/{attempt}/{what}")
 }
 
 impl There {
@@ -173,16 +191,16 @@ impl There {
     }
 
     /// Starts to listen for what becomes of a lease.
-    pub(super) fn follow(&self, lease: Lease) -> watch::Receiver<State> {
-        match self.jobs().get(&key(lease)) {
+    pub(crate) fn follow(&self, lease: impl Into<Key>) -> watch::Receiver<State> {
+        match self.jobs().get(&lease.into()) {
             Some(job) => job.state.subscribe(),
             None => watch::Sender::new(State::Lost).subscribe(),
         }
     }
 
-    /// What clients want of the job, as the last renewal told.
-    pub(super) fn requests(&self, lease: Lease) -> Result<StopRequests, LeaseError> {
-        let state = self.jobs().get(&key(lease)).map(|job| *job.state.borrow());
+    /// What clients want of the task, as the last renewal told.
+    pub(crate) fn requests(&self, lease: impl Into<Key>) -> Result<StopRequests, LeaseError> {
+        let state = self.jobs().get(&lease.into()).map(|job| *job.state.borrow());
         match state {
             Some(State::Running) => Ok(StopRequests::default()),
             Some(State::FinishRequested) => Ok(StopRequests { finish: true, cancel: false }),
@@ -192,28 +210,38 @@ impl There {
     }
 
     /// Leaves news for the next renewal.
-    pub(super) fn renew(&self, lease: Lease, news: Option<JobProgress>) -> Result<StopRequests, LeaseError> {
+    pub(crate) fn renew(
+        &self,
+        lease: impl Into<Key>,
+        news: Option<JobProgress>,
+    ) -> Result<StopRequests, LeaseError> {
+        let key = lease.into();
         if news.is_some()
-            && let Some(job) = self.jobs().get_mut(&key(lease))
+            && let Some(job) = self.jobs().get_mut(&key)
         {
             job.progress = news;
         }
-        self.requests(lease)
+        self.requests(key)
     }
 
     /// Sends the result or the end of a run; the lease ends with it.
     pub(super) async fn end(&self, lease: Lease, told: Told<'_, Stored>) -> Result<(), LeaseError> {
-        let ended = self.send_end(lease, told).await;
-        if let Err(error) = &ended
+        let sent = self.send_end(lease, told).await;
+        self.ended(lease.into(), sent)
+    }
+
+    /// Forgets a lease whose end was sent, unless it is to be sent once more.
+    fn ended(&self, key: Key, sent: Result<(), ServerError>) -> Result<(), LeaseError> {
+        if let Err(error) = &sent
             && error.passes()
-            && self.requests(lease).is_ok()
+            && self.requests(key).is_ok()
         {
             return Err(LeaseError::Passing(error.to_string()));
         }
-        self.jobs().remove(&key(lease));
+        self.jobs().remove(&key);
         *self.shared.busy.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
         self.shared.changed.notify_one();
-        ended.map_err(|error| {
+        sent.map_err(|error| {
             if error.is_lost() || error.passes() {
                 LeaseError::Lost
             } else {
@@ -233,9 +261,9 @@ impl There {
             |bytes: u64| EndRequest { needed_bytes: Some(bytes), ..end(EndOutcome::Faulted, None, None) };
         let document = match told {
             Told::Succeeded(stored) => {
-                let file = self.shared.artifacts.open_result(&stored.artifact)?;
+                let file = self.shared.artifacts.open_file(&stored.artifact.path)?;
                 let path = format!("{}?sha256={}", address(lease, "result"), stored.artifact.sha256);
-                match self.shared.server.put_file(&path, file).await {
+                match self.shared.server.put_file(&path, Vec::new(), file).await {
                     Ok(()) => {
                         self.shared.artifacts.discard(vec![stored.artifact.path.clone()]).await;
                         return Ok(());
@@ -280,20 +308,17 @@ impl There {
                 }
                 end(EndOutcome::Released, None, None)
             }
-            Told::Nothing => {
-                let detail = "another attempt has the job".to_owned();
-                let kind = "lease-lost".to_owned();
-                return Err(ServerError::Refused { status: StatusCode::CONFLICT, kind, detail });
-            }
+            Told::Nothing => return Err(ServerError::lost()),
         };
         let path = address(lease, "end");
         self.shared.server.post::<serde_json::Value>(&path, &document, Duration::ZERO).await?;
         Ok(())
     }
 
-    async fn send_checkpoint(&self, lease: Lease, file: &Path) -> Result<(), ServerError> {
-        self.shared.server.put_file(&address(lease, "checkpoint"), File::open(file)?).await?;
-        tracing::info!(job_id = %lease.id, attempt = lease.attempt, "sent a checkpoint");
+    async fn send_checkpoint(&self, lease: impl Into<Key>, file: &Path) -> Result<(), ServerError> {
+        let key = lease.into();
+        self.shared.server.put_file(&address(key, "checkpoint"), Vec::new(), File::open(file)?).await?;
+        tracing::info!(job_id = %key.id, attempt = key.attempt, "sent a checkpoint");
         Ok(())
     }
 
@@ -313,7 +338,8 @@ impl There {
                     pause = PAUSES.0;
                     let Some(answer) = answer else { continue };
                     for renewed in answer.leases {
-                        if let Some(job) = self.jobs().get(&(renewed.job, renewed.attempt)) {
+                        let key = Key { id: renewed.task, attempt: renewed.attempt };
+                        if let Some(job) = self.jobs().get(&key) {
                             job.state.send_if_modified(|state| {
                                 let changed = *state != renewed.state;
                                 *state = renewed.state;
@@ -338,9 +364,9 @@ impl There {
 
     fn take_news(&self) -> Vec<RenewalDocument> {
         let mut jobs = self.jobs();
-        let renewals = jobs.iter_mut().map(|((job, attempt), running)| RenewalDocument {
-            job: *job,
-            attempt: *attempt,
+        let renewals = jobs.iter_mut().map(|(key, running)| RenewalDocument {
+            task: key.id,
+            attempt: key.attempt,
             progress: running.progress.take(),
         });
         renewals.collect()
@@ -349,36 +375,35 @@ impl There {
     /// Sends checkpoints of running jobs now and then, for as long as the process lives.
     pub(crate) async fn keep_sending_checkpoints(self) {
         let every = self.shared.options.send_checkpoints_every;
-        let mut sent: HashMap<(JobId, i64), std::time::SystemTime> = HashMap::new();
+        let mut sent: HashMap<Key, std::time::SystemTime> = HashMap::new();
         loop {
             sleep(LOOK_AT_CHECKPOINTS.min(every)).await;
-            let due: Vec<(JobId, i64)> = {
+            let due: Vec<Key> = {
                 let jobs = self.jobs();
                 sent.retain(|lease, _| jobs.contains_key(lease));
                 jobs.iter().filter(|(_, job)| job.sent.elapsed() >= every).map(|(lease, _)| *lease).collect()
             };
-            for (id, attempt) in due {
-                let lease = Lease { seq: 0, id, attempt, study: None };
-                let found = self.shared.checkpoints.kept_by(&id.to_string(), attempt);
+            for key in due {
+                let found = self.shared.checkpoints.kept_by(&key.id.to_string(), key.attempt);
                 let Ok(Some(file)) = found else { continue };
                 let Ok(changed) = std::fs::metadata(&file).and_then(|found| found.modified()) else {
                     continue;
                 };
-                if sent.get(&(id, attempt)) == Some(&changed) {
+                if sent.get(&key) == Some(&changed) {
                     continue;
                 }
-                match self.send_checkpoint(lease, &file).await {
-                    Ok(()) => drop(sent.insert((id, attempt), changed)),
+                match self.send_checkpoint(key, &file).await {
+                    Ok(()) => drop(sent.insert(key, changed)),
                     Err(error) => tracing::warn!(%error, "a checkpoint was not sent"),
                 }
-                if let Some(job) = self.jobs().get_mut(&(id, attempt)) {
+                if let Some(job) = self.jobs().get_mut(&key) {
                     job.sent = Instant::now();
                 }
             }
         }
     }
 
-    fn jobs(&self) -> MutexGuard<'_, HashMap<(JobId, i64), Job>> {
+    fn jobs(&self) -> MutexGuard<'_, HashMap<Key, Job>> {
         self.shared.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -13,6 +13,7 @@ use hyper::{Method, Request, Response, StatusCode, Uri};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
+use tokio::io::AsyncReadExt as _;
 use tokio::time::timeout;
 use tokio_util::io::ReaderStream;
 
@@ -51,6 +52,12 @@ impl From<ClientError> for ServerError {
 }
 
 impl ServerError {
+    /// Another attempt has the task.
+    pub(super) fn lost() -> Self {
+        let detail = "another attempt has the task".to_owned();
+        Self::Refused { status: StatusCode::CONFLICT, kind: "lease-lost".to_owned(), detail }
+    }
+
     /// Whether the server refuses this worker for good: another build or other bits, or a key that opens nothing.
     pub(crate) fn is_final(&self) -> bool {
         match self {
@@ -134,15 +141,16 @@ impl Server {
         read(response).await.map(Some)
     }
 
-    /// PUT of a file as it lies.
-    pub(super) async fn put_file(&self, path: &str, file: File) -> Result<(), ServerError> {
-        let length = file.metadata()?.len();
+    /// PUT of a file as it lies, behind `head`.
+    pub(super) async fn put_file(&self, path: &str, head: Vec<u8>, file: File) -> Result<(), ServerError> {
+        let length = head.len() as u64 + file.metadata()?.len();
         let file = tokio::fs::File::from_std(file);
         let fields = [
             (CONTENT_LENGTH, HeaderValue::from(length)),
             (CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),
         ];
         let limit = ANSWER + Duration::from_secs(length / LEAST_SPEED);
+        let file = io::Cursor::new(head).chain(file);
         let body = Body::from_stream(ReaderStream::with_capacity(file, 1 << 18));
         let answer = self.send(Method::PUT, path, body, &fields, limit).await?;
         // What it says is not needed, but the connection is used again only when it was read.

@@ -4,6 +4,10 @@
 //! Exports are leased as jobs are: who makes one renews its lease, and one whose lease ran out is requeued. The update
 //! of a worker names its attempt, so that a worker whose export was requeued changes nothing.
 
+mod claims;
+mod elsewhere;
+#[cfg(test)]
+mod elsewhere_tests;
 mod query;
 mod request;
 #[cfg(test)]
@@ -17,10 +21,11 @@ use super::{StoreError, rows};
 use crate::exports::{ExportRecord, ExportState, StoredFile};
 use crate::ids::ExportId;
 
+pub(crate) use claims::{ClaimedExport, ExportQueue};
+pub(super) use elsewhere::renew_export;
 pub(super) use query::files_of_job;
 pub(crate) use request::Retention;
 pub(super) use request::{end_of_retried, insert_beforehand};
-pub(crate) use work::ClaimedExport;
 
 /// A query for exports, with the ids of the jobs; `$tail` holds what follows.
 macro_rules! select_exports {
@@ -70,6 +75,8 @@ pub(super) fn export(row: &Row) -> Result<ExportRecord, StoreError> {
         finished_at: row.try_get("finished_at")?,
         updated_at: row.try_get("updated_at")?,
         owner: row.try_get("owner")?,
+        heavy: row.try_get("heavy")?,
+        worker: row.try_get("worker")?,
     })
 }
 

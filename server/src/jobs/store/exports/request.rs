@@ -276,9 +276,9 @@ async fn insert(
     row: Row,
 ) -> Result<Option<i64>, StoreError> {
     let inserted = query(
-        "insert into exports (id, job, key, type, options, kept, quick, rank, state, created_at, updated_at, used_at,
-             owner)
-         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
+        "insert into exports (id, job, key, type, options, kept, quick, heavy, rank, state, created_at, updated_at,
+             used_at, owner)
+         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?10, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
          on conflict (job, key) do nothing returning seq",
     )
     .bind(ExportId::new().to_string())
@@ -290,6 +290,7 @@ async fn insert(
     .bind(new.quick)
     .bind(row.rank)
     .bind(row.now)
+    .bind(new.heavy)
     .fetch_optional(tx)
     .await?;
     Ok(inserted.map(|row| row.try_get("seq")).transpose()?)
@@ -302,7 +303,7 @@ async fn check_kept(tx: &mut Transaction<'_>, job: i64) -> Result<(), StoreError
 
 async fn check_waiting(tx: &mut Transaction<'_>) -> Result<(), StoreError> {
     let waiting: i64 =
-        query("select count(*) from exports indexed by exports_queue where state = 'queued' and rank = 0")
+        query("select count(*) from exports indexed by exports_queue where state = 'queued' and not heavy and rank = 0")
             .scalar(tx)
             .await?;
     if waiting as u64 >= MAX_WAITING { Err(StoreError::TooManyWait { most: MAX_WAITING }) } else { Ok(()) }

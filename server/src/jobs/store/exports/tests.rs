@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::super::db::query;
 use super::super::tests::{LIMITS, artifact, expire_all, fresh, fresh_file, open, plan_of, progress, submit};
-use super::super::{Retention, Store, StoreError};
+use super::super::{ExportQueue, Retention, Store, StoreError};
 use super::query::ExportPage;
 use crate::exports::{ExportRecord, ExportState, MAX_KEPT, MAX_WAITING, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
@@ -39,7 +39,7 @@ fn file(path: &str, bytes: u64) -> StoredFile {
 }
 
 async fn make(store: &Store, path: &str, bytes: u64) -> ExportRecord {
-    let claimed = store.claim_export(false).await.unwrap().unwrap().export;
+    let claimed = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     store.export_made(&claimed, file(path, bytes), json!({"n": 1})).await.unwrap();
     again(store, &claimed).await.unwrap()
 }
@@ -60,8 +60,8 @@ async fn the_same_is_made_once_however_often_it_is_asked_for() {
     assert!(created && !first.kept && first.state == ExportState::Queued);
     let (second, created) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert!(!created && second.id == first.id);
-    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, first.id);
-    assert_eq!(store.claim_export(false).await.unwrap(), None, "it is being made");
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export.id, first.id);
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap(), None, "it is being made");
     let (running, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
     assert_eq!(running.state, ExportState::Running);
     store.renew_export(&running, Some(progress(0.5))).await.unwrap();
@@ -120,10 +120,10 @@ async fn what_a_client_waits_for_comes_first_and_what_is_quick_has_its_own_way()
     request(&store, job.id, slow(4.0), Retention::Cached).await;
     request(&store, job.id, slow(2.0), Retention::Cached).await;
     let mut order = Vec::new();
-    let quick = store.claim_export(true).await.unwrap().unwrap();
+    let quick = store.claim_export(ExportQueue::Quick).await.unwrap().unwrap();
     assert_eq!(quick.export.options["at_mm"], 3.0);
-    assert_eq!(store.claim_export(true).await.unwrap(), None);
-    while let Some(claimed) = store.claim_export(false).await.unwrap() {
+    assert_eq!(store.claim_export(ExportQueue::Quick).await.unwrap(), None);
+    while let Some(claimed) = store.claim_export(ExportQueue::Usual).await.unwrap() {
         assert_eq!(claimed.result.path, format!("{}.1", job.id));
         order.push(claimed.export.options["at_mm"].as_f64().unwrap());
     }
@@ -135,7 +135,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     let (folder, store) = fresh().await;
     let job = finished(&store, Vec::new()).await;
     let (requested, _) = request(&store, job.id, cut(1.0), Retention::Kept).await;
-    let before = store.claim_export(false).await.unwrap().unwrap().export;
+    let before = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     drop(store);
     let store = open(&folder, LIMITS).await;
     for _ in 0..2 {
@@ -144,7 +144,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
             matches!(store.export_made(&before, file("p", 1), json!({})).await, Err(StoreError::LeaseLost)),
             "a late word"
         );
-        assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, requested.id);
+        assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export.id, requested.id);
     }
     store.recover_exports().await.unwrap();
     let failed = again(&store, &requested).await.unwrap();
@@ -153,7 +153,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     // Who asks again wants it tried again, as often as before.
     assert_eq!(request(&store, job.id, cut(1.0), Retention::Cached).await.0.state, ExportState::Queued);
     assert_eq!(store.recover_exports().await.unwrap(), 0);
-    let again = store.claim_export(false).await.unwrap().unwrap().export;
+    let again = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     assert!(again.attempt > failed.attempt, "a file of its own");
     assert!(
         matches!(store.export_made(&before, file("p", 1), json!({})).await, Err(StoreError::LeaseLost)),
@@ -161,7 +161,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     );
     for _ in 0..2 {
         assert_eq!(store.recover_exports().await.unwrap(), 1);
-        assert!(store.claim_export(false).await.unwrap().is_some());
+        assert!(store.claim_export(ExportQueue::Usual).await.unwrap().is_some());
     }
 }
 
@@ -173,7 +173,7 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
         [(FailureCode::TooLarge, ExportState::Failed), (FailureCode::InternalError, ExportState::Queued)]
     {
         request(&store, job.id, cut(1.0), Retention::Cached).await;
-        if let Some(claimed) = store.claim_export(false).await.unwrap() {
+        if let Some(claimed) = store.claim_export(ExportQueue::Usual).await.unwrap() {
             store.export_failed(&claimed.export, &Failure::new(kind, "why")).await.unwrap();
         }
         let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
@@ -182,7 +182,7 @@ async fn failures_of_the_options_stay_and_others_are_tried_again() {
         store.delete_export(job.id, requested.id).await.unwrap();
     }
     let (requested, _) = request(&store, job.id, cut(1.0), Retention::Cached).await;
-    let claimed = store.claim_export(false).await.unwrap().unwrap().export;
+    let claimed = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     store.export_requeued(&claimed).await.unwrap();
     let waiting = again(&store, &requested).await.unwrap();
     assert_eq!((waiting.state, waiting.attempt, waiting.started_at), (ExportState::Queued, 1, None));
@@ -194,7 +194,7 @@ async fn all_files_of_a_job_go_with_it() {
     let job = finished(&store, vec![cut(1.0)]).await;
     request(&store, job.id, cut(2.0), Retention::Cached).await;
     make(&store, "first", 1).await;
-    let running = store.claim_export(false).await.unwrap().unwrap().export;
+    let running = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     assert!(store.refers_to("first").await.unwrap());
     let mut files = store.delete(job.id).await.unwrap();
     files.sort();
@@ -285,13 +285,16 @@ async fn what_waits_and_what_is_kept_is_bounded() {
     }
     let refused = store.request_export(other.id, cut(0.0), Retention::Cached).await;
     assert!(matches!(refused, Err(StoreError::TooManyWait { .. })), "{refused:?}");
-    store.claim_export(false).await.unwrap().unwrap();
+    store.claim_export(ExportQueue::Usual).await.unwrap().unwrap();
     request(&store, other.id, cut(0.0), Retention::Cached).await;
     // However much waits, the next is found by an index.
     let (_folder, file) = fresh_file().await;
-    for quick in [false, true] {
-        let plan = plan_of(&file, super::work::claim_sql(quick)).await;
-        let index = if quick { "exports_quick" } else { "exports_queue" };
+    for (queue, index) in [
+        (ExportQueue::Usual, "exports_queue"),
+        (ExportQueue::Quick, "exports_quick"),
+        (ExportQueue::Heavy, "exports_heavy"),
+    ] {
+        let plan = plan_of(&file, super::claims::claim_sql(queue)).await;
         assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
         assert!(!plan.iter().any(|step| step.contains("TEMP B-TREE")), "{plan:?}");
     }
@@ -302,14 +305,14 @@ async fn exports_of_a_damaged_job_end_with_its_retry_and_are_made_after_it() {
     let (_folder, store) = fresh().await;
     let job = finished(&store, vec![slow(1.0)]).await;
     let (waiting, _) = request(&store, job.id, slow(2.0), Retention::Cached).await;
-    let running = store.claim_export(false).await.unwrap().unwrap().export;
+    let running = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     assert_eq!(running.id, waiting.id, "a client waits for it");
     let mut changes = store.subscribe_export(running.id);
     let damaged = job.artifact.unwrap().path;
     store.retry(job.id, Some(damaged)).await.unwrap();
     changes.changed().await;
     assert!(matches!(store.check_export_lease(&running).await, Err(StoreError::LeaseLost)));
-    assert_eq!(store.claim_export(false).await.unwrap(), None);
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap(), None);
     let ended = store.list_exports(job.seq, None, 10).await.unwrap().exports;
     assert_eq!(ended.len(), 2);
     for export in ended {
@@ -320,7 +323,7 @@ async fn exports_of_a_damaged_job_end_with_its_retry_and_are_made_after_it() {
     let lease = store.claim().await.unwrap().unwrap().lease;
     let again = artifact(&format!("{}.2", lease.id));
     store.succeed(lease, again, progress(1.0), Facts::default(), vec![slow(1.0)]).await.unwrap();
-    let of_request = store.claim_export(false).await.unwrap().unwrap();
+    let of_request = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap();
     assert_eq!((of_request.export.key.clone(), of_request.export.kept), (slow(1.0).key, true));
     assert!(of_request.result.path.ends_with(".2"));
     assert_eq!(request(&store, job.id, slow(2.0), Retention::Cached).await.0.state, ExportState::Queued);
@@ -337,7 +340,7 @@ async fn an_export_of_a_job_without_a_result_holds_up_no_other() {
         .execute(&mut store.writer().await.unwrap())
         .await
         .unwrap();
-    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, good.id);
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export.id, good.id);
     assert_eq!(again(&store, &lost).await.unwrap().state, ExportState::Failed);
 }
 
@@ -352,7 +355,7 @@ async fn an_export_whose_row_is_damaged_fails_and_holds_up_no_other() {
         .execute(&mut store.writer().await.unwrap())
         .await
         .unwrap();
-    assert_eq!(store.claim_export(false).await.unwrap().unwrap().export.id, good.id);
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export.id, good.id);
     let row = query("select state, error from exports where seq = ?")
         .bind(damaged.seq)
         .fetch_optional(store.readers())
@@ -381,8 +384,8 @@ async fn an_idle_export_worker_sees_the_end_of_a_pause_that_nobody_tells_of() {
         .execute(&mut store.writer().await.unwrap())
         .await
         .unwrap();
-    store.exports_queued(false).await;
-    assert_eq!(store.claim_export(false).await.unwrap(), None, "it is paused");
-    store.exports_queued(false).await;
-    assert!(store.claim_export(false).await.unwrap().is_some());
+    store.exports_queued(ExportQueue::Usual).await;
+    assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap(), None, "it is paused");
+    store.exports_queued(ExportQueue::Usual).await;
+    assert!(store.claim_export(ExportQueue::Usual).await.unwrap().is_some());
 }

@@ -1,59 +1,22 @@
 //! The state transitions of an export by its worker.
 
-use std::time::Duration;
-
 use super::super::db::{Durability, Transaction, query};
 use super::super::leased::{Kind, LeasedTask, take_back};
 use super::super::submit::to_json;
-use super::super::writer::Writing;
-use super::super::{Store, StoreError, micros, rows};
-use super::{by_seq, end_of_retried, export_id};
-use crate::exports::{ExportRecord, ExportState, StoredFile};
+use super::super::{Store, StoreError};
+use super::export_id;
+use crate::exports::{ExportLease, ExportState, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
-use crate::jobs::{ArtifactRecord, JobProgress};
+use crate::jobs::JobProgress;
 
 /// Most starts of an export during which the server stopped, as the table has it by default.
 pub(super) const MAX_ATTEMPTS: i64 = 3;
 
-/// The statement that starts the next export among those of `$tail`.
-macro_rules! next {
-    ($tail:literal) => {
-        concat!(
-            "update exports set state = 'running', version = version + 1, started_at = ?1, updated_at = ?1,
-                 lease_expires_at = ?2,
-                 progress = null, error = null, not_before = null
-             where seq = (",
-            waiting!($tail),
-            ") returning seq, id, faults"
-        )
-    };
-}
-
-/// The query for the next export among those of `$tail`, at the time `?1`.
-macro_rules! waiting {
-    ($tail:literal) => {
-        concat!(
-            "select seq from exports ",
-            $tail,
-            " and (not_before is null or not_before <= ?1) order by rank, seq limit 1"
-        )
-    };
-}
-
-/// An export that the caller has claimed.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ClaimedExport {
-    pub(crate) export: ExportRecord,
-    /// The result that the export is made from.
-    pub(crate) result: ArtifactRecord,
-    /// Faults of the machine that it has met.
-    pub(crate) faults: i64,
-}
-
 impl Store {
-    /// Requeues every running export at start-up, when no worker has it; an export without attempts left fails. Returns
-    /// how many were running. Where other servers may share the database, only those whose lease ran out are taken.
+    /// Requeues every running export of this server at start-up, when none of its workers has it; an export without
+    /// attempts left fails. Returns how many were running. Worker processes keep theirs. Where other servers may share
+    /// the database, only those whose lease ran out are taken.
     pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
         self.reclaim_exports(if self.is_shared() { self.now_us() } else { i64::MAX }).await
     }
@@ -68,11 +31,14 @@ impl Store {
         self.detached(async move {
             let exhausted = Failure::new(
                 FailureCode::AttemptsExhausted,
-                format!("the server stopped {MAX_ATTEMPTS} times while it was being made"),
+                format!("the server or the worker stopped {MAX_ATTEMPTS} times while it was being made"),
             );
+            // Then the leases of this server's own workers end, and no others.
+            let at_start = leases_until == i64::MAX;
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let moved = take_back(&store, Kind::Export, &exhausted, (leases_until, false), &mut tx).await?;
+            let moved =
+                take_back(&store, Kind::Export, &exhausted, (leases_until, at_start), &mut tx).await?;
             tx.commit().await?;
             drop(writer);
             for row in &moved {
@@ -84,56 +50,17 @@ impl Store {
         .await
     }
 
-    /// Claims the next export: one that a client waits for first, then the oldest. With `quick` only exports that take
-    /// little time are considered.
-    pub(crate) async fn claim_export(&self, quick: bool) -> Result<Option<ClaimedExport>, StoreError> {
-        let store = self.clone();
-        self.detached(async move {
-            // A power cut that undoes the claim leaves the export queued.
-            loop {
-                let mut writer = store.shared.writer.lock(store.durability_of_leases()).await?;
-                let claimed = claim(&mut writer, store.lease(), quick).await?;
-                drop(writer);
-                match claimed {
-                    Claim::None => return Ok(None),
-                    Claim::Claimed(claimed) => {
-                        store.notify_export(claimed.export.id);
-                        return Ok(Some(*claimed));
-                    }
-                    Claim::Ended(id) => {
-                        if let Some(id) = id {
-                            store.notify_export(id);
-                        }
-                    }
-                }
-            }
-        })
-        .await
-    }
-
-    /// Whether an export waits that [`Self::claim_export`] would claim now. Claims nothing.
-    ///
-    /// # Errors
-    /// The database's.
-    pub(in crate::jobs::store) async fn has_claimable_export(&self, quick: bool) -> Result<bool, StoreError> {
-        let text = if quick {
-            waiting!("indexed by exports_quick where state = 'queued' and quick")
-        } else {
-            waiting!("indexed by exports_queue where state = 'queued'")
-        };
-        Ok(query(text).bind(self.now_us()).fetch_optional(self.readers()).await?.is_some())
-    }
-
     /// Renews the lease of an export, and records the progress where there is any.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
     pub(crate) async fn renew_export(
         &self,
-        of: &ExportRecord,
+        of: impl Into<ExportLease>,
         progress: Option<JobProgress>,
     ) -> Result<(), StoreError> {
-        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
+        let (store, of) = (self.clone(), of.into());
+        let (task, id) = (LeasedTask::from(of), of.id);
         self.detached(async move {
             store.renew_lease(task, progress.as_ref()).await?;
             if progress.is_some() {
@@ -148,7 +75,8 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] where it is not, or the database's.
-    pub(crate) async fn check_export_lease(&self, of: &ExportRecord) -> Result<(), StoreError> {
+    pub(crate) async fn check_export_lease(&self, of: impl Into<ExportLease>) -> Result<(), StoreError> {
+        let of = of.into();
         query("select 1 from exports where seq = ? and attempt = ? and state = 'running'")
             .bind(of.seq)
             .bind(of.attempt)
@@ -164,11 +92,12 @@ impl Store {
     /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
     pub(crate) async fn export_made(
         &self,
-        of: &ExportRecord,
+        of: impl Into<ExportLease>,
         file: StoredFile,
         report: serde_json::Value,
     ) -> Result<(), StoreError> {
-        let (store, id) = (self.clone(), of.id);
+        let (store, of) = (self.clone(), of.into());
+        let id = of.id;
         let made = Made { seq: of.seq, attempt: of.attempt, file, report };
         self.detached(async move {
             store
@@ -184,7 +113,11 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
-    pub(crate) async fn export_failed(&self, of: &ExportRecord, failure: &Failure) -> Result<(), StoreError> {
+    pub(crate) async fn export_failed(
+        &self,
+        of: impl Into<ExportLease>,
+        failure: &Failure,
+    ) -> Result<(), StoreError> {
         self.leave_export(of, ExportState::Failed, Some(to_json(failure)?)).await
     }
 
@@ -192,7 +125,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
-    pub(crate) async fn export_requeued(&self, of: &ExportRecord) -> Result<(), StoreError> {
+    pub(crate) async fn export_requeued(&self, of: impl Into<ExportLease>) -> Result<(), StoreError> {
         self.leave_export(of, ExportState::Queued, None).await?;
         self.wake_export_workers();
         Ok(())
@@ -200,11 +133,12 @@ impl Store {
 
     async fn leave_export(
         &self,
-        of: &ExportRecord,
+        of: impl Into<ExportLease>,
         to: ExportState,
         error: Option<String>,
     ) -> Result<(), StoreError> {
-        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
+        let (store, of) = (self.clone(), of.into());
+        let (task, id) = (LeasedTask::from(of), of.id);
         self.detached(async move {
             store
                 .write(Durability::PowerCut, (task, to, error), |store, (task, to, error), tx| {
@@ -222,8 +156,12 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] where the export is no longer the caller's, or the database's.
-    pub(crate) async fn export_requeued_after_fault(&self, of: &ExportRecord) -> Result<(), StoreError> {
-        let (store, task, id) = (self.clone(), LeasedTask::from(of), of.id);
+    pub(crate) async fn export_requeued_after_fault(
+        &self,
+        of: impl Into<ExportLease>,
+    ) -> Result<(), StoreError> {
+        let (store, of) = (self.clone(), of.into());
+        let (task, id) = (LeasedTask::from(of), of.id);
         let (pause, _) = self
             .detached(async move {
                 let requeued = task.requeue_after_fault(&store, None).await?;
@@ -315,82 +253,4 @@ impl Made {
             .map(drop)
             .ok_or(StoreError::LeaseLost)
     }
-}
-
-/// The statement that claims the next export.
-pub(super) fn claim_sql(quick: bool) -> &'static str {
-    if quick {
-        next!("indexed by exports_quick where state = 'queued' and quick")
-    } else {
-        next!("indexed by exports_queue where state = 'queued'")
-    }
-}
-
-async fn claim(writer: &mut Writing<'_>, lease: Duration, quick: bool) -> Result<Claim, StoreError> {
-    let now = writer.now_us();
-    let mut tx = writer.begin().await?;
-    let row = query(claim_sql(quick))
-        .bind(now)
-        .bind(now.saturating_add(micros(lease)))
-        .fetch_optional(&mut tx)
-        .await?;
-    let Some(row) = row else {
-        tx.rollback().await?;
-        return Ok(Claim::None);
-    };
-    let seq = row.try_get("seq")?;
-    let export = match by_seq(&mut tx, seq).await {
-        Ok(export) => export,
-        Err(StoreError::Row(fault)) => {
-            fail_damaged(&mut tx, seq, &fault, now).await?;
-            tx.commit().await?;
-            return Ok(Claim::Ended(row.text("id").ok().and_then(ExportId::parse)));
-        }
-        Err(error) => return Err(error),
-    };
-    let faults = row.try_get("faults")?;
-    let result = match rows::by_seq(&mut tx, export.job_seq).await {
-        Ok(job) => job.artifact,
-        Err(StoreError::Row(fault)) => {
-            tracing::error!(seq = export.job_seq, fault, "a job with an export is damaged in the database");
-            None
-        }
-        Err(error) => return Err(error),
-    };
-    if result.is_none() {
-        tracing::warn!(export_id = %export.id, "an export of a job without a result has ended");
-        // An export waits or runs only while its job has a result: a database that says otherwise holds up no other.
-        end_of_retried(&mut tx, export.job_seq, now).await?;
-    }
-    tx.commit().await?;
-    Ok(match result {
-        Some(result) => Claim::Claimed(Box::new(ClaimedExport { export, result, faults })),
-        None => Claim::Ended(Some(export.id)),
-    })
-}
-
-/// Ends an export whose row cannot be read.
-async fn fail_damaged(tx: &mut Transaction<'_>, seq: i64, fault: &str, now: i64) -> Result<(), StoreError> {
-    tracing::error!(seq, fault, "a queued export is damaged in the database and fails");
-    let detail = format!("the record of the export in the database is damaged ({fault}): ask for it again");
-    let failure = Failure::new(FailureCode::InternalError, &detail);
-    query(
-        "update exports set state = 'failed', version = version + 1, finished_at = ?1, updated_at = ?1,
-             lease_expires_at = null, error = ?2
-         where seq = ?3",
-    )
-    .bind(now)
-    .bind(to_json(&failure)?)
-    .bind(seq)
-    .execute(tx)
-    .await?;
-    Ok(())
-}
-
-/// What a claim has found.
-enum Claim {
-    None,
-    Claimed(Box<ClaimedExport>),
-    /// An export of a job without a result, or one whose row cannot be read, which has ended; the ID where it is known.
-    Ended(Option<ExportId>),
 }
