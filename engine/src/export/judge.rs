@@ -2,6 +2,7 @@
 //! another process has sent with the file can be right. That follows from the packing and the options, without making
 //! the export again.
 
+use super::properties::PropertyReport;
 use super::voxels::{self, VoxelFormat, VoxelGrid, VoxelOptions, VoxelReport};
 use super::{ExportReport, ExportRequest, ExportType};
 use crate::request::Specimen;
@@ -23,6 +24,7 @@ impl ExportReport {
             Self::Certificates(_) => ExportType::Certificates,
             Self::Shapes(_) => ExportType::Shapes,
             Self::Quality(_) => ExportType::Quality,
+            Self::Properties(_) => ExportType::Properties,
         }
     }
 }
@@ -35,6 +37,7 @@ impl ExportRequest {
             Self::Voxels(options) => {
                 voxels::expected_bytes(specimen, options, &voxels::Interfaces::MOST) >= HEAVY_VOXEL_BYTES
             }
+            Self::Properties(_) => true,
             Self::Mesh(_)
             | Self::Slice(_)
             | Self::Ldpm(_)
@@ -65,6 +68,10 @@ impl ExportRequest {
                 ExportReport::Voxels(report) => {
                     judge_voxels(specimen, options, volume_fraction, report, bytes)
                 }
+                _ => Ok(()),
+            },
+            Self::Properties(_) => match report {
+                ExportReport::Properties(report) => judge_properties(volume_fraction, report),
                 _ => Ok(()),
             },
             // Made by the server itself.
@@ -108,6 +115,31 @@ fn judge_voxels(
             "{} of {} voxels lie in grains, a fraction of {}",
             report.aggregate_voxels, report.inside_voxels, report.volume_fraction_labels
         ));
+    }
+    Ok(())
+}
+
+/// The shares of the phases are those of the packing, the stiffness is symmetric, and conductivities along the axes lie
+/// between their bounds, within the tolerance of the solver.
+fn judge_properties(volume_fraction: f64, report: &PropertyReport) -> Result<(), String> {
+    let exact: f64 = report.phases.iter().skip(1).map(|phase| phase.exact_share).sum();
+    if (exact - volume_fraction).abs() > ROUNDING {
+        return Err(format!("the aggregates have the share {exact}: must be {volume_fraction}"));
+    }
+    let slack = 1e-6 + report.tolerance;
+    if let Some(found) = &report.stiffness {
+        let matrix = &found.stiffness_gpa;
+        let most = matrix.iter().flatten().fold(0.0_f64, |most, value| most.max(value.abs()));
+        if (0..6).any(|i| (0..i).any(|j| (matrix[i][j] - matrix[j][i]).abs() > slack * most)) {
+            return Err("the stiffness is not symmetric".into());
+        }
+    }
+    for found in report.conductivity.iter().chain(&report.diffusivity) {
+        let (low, high) = (found.bounds.reuss, found.bounds.voigt);
+        let is_between = |value: f64| value >= low * (1.0 - slack) && value <= high * (1.0 + slack);
+        if !(0..3).all(|i| is_between(found.matrix[i][i])) {
+            return Err(format!("a conductivity lies outside of its bounds, {low} to {high}"));
+        }
     }
     Ok(())
 }
