@@ -63,6 +63,7 @@ export const TYPES = {
   shapes: "Shapes of the grains",
   quality: "Quality: is the packing random",
   properties: "Stiffness, expansion and conductivity",
+  deck: "Model for a solver",
 };
 
 /** What a format is for. @type {Record<string, string>} */

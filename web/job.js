@@ -4,6 +4,7 @@ import { events, get, Problem, request as ask, send } from "./api.js";
 import { curl, json, python } from "./code.js";
 import { badge, byId, copyButton, h, replace, text } from "./dom.js";
 import { downloadPart, ExportPart } from "./job-exports.js";
+import { ModelPart } from "./job-model.js";
 import { changeLinks, changesOf } from "./job-changes.js";
 import { partialBadge } from "./job-ends.js";
 import { failure, facts, leadOf } from "./job-facts.js";
@@ -153,9 +154,11 @@ async function result(key) {
   const { partial } = found.summary;
   const view = new ViewPart({ name: `${job.id.slice(-8)}${partial ? "-partial" : ""}`, open }, found, request);
   const exports = new ExportPart(job, request, found);
+  const model = new ModelPart(job, request, () => exports.refresh());
   const parts = [
     facts(job, request, found, partial ? changeLinks(changesOf(partial, request), request, report) : null),
     view.element,
+    model.element,
     h(
       "div",
       { class: "columns" },
@@ -165,7 +168,7 @@ async function result(key) {
     plotPart(job, request, found),
   ];
   byId("result").append(...parts);
-  await Promise.all([view.start(), exports.start()]);
+  await Promise.all([view.start(), exports.start(), model.start()]);
 }
 
 /** Shows the progress. The first one that tells of grains offers to keep them. @param {any} now */
