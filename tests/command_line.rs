@@ -103,7 +103,7 @@ async fn run_and_export_make_what_the_service_would_make() {
     for (export, code, says) in [
         ("voxels:cells=0", 2, "/cells: 0 is out of range"),
         ("voxels:colour=red", 2, "/colour: unknown option"),
-        ("cube", 2, "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality"),
+        ("cube", 2, "must be one of mesh, voxels, slice, deck, ldpm, certificates, shapes, quality"),
         ("slice:at_mm=99", 3, "/at_mm: 99 is out of range"),
     ] {
         let ended = packstone(directory.path(), &["export", "made/result.json", export]).await;

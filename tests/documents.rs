@@ -266,8 +266,12 @@ fn export_forms(kind: &str) -> Vec<&'static Value> {
 }
 
 /// The documents with tables of options of exports, and the types of the exports in the order of the tables.
-const OPTION_TABLES: [(&str, &[&str]); 3] =
-    [("docs/ldpm.md", &["ldpm"]), ("docs/meshes.md", &["mesh"]), ("docs/voxels.md", &["voxels", "slice"])];
+const OPTION_TABLES: [(&str, &[&str]); 4] = [
+    ("docs/decks.md", &["deck"]),
+    ("docs/ldpm.md", &["ldpm"]),
+    ("docs/meshes.md", &["mesh"]),
+    ("docs/voxels.md", &["voxels", "slice"]),
+];
 
 /// What is wrong with a table of the options of exports of a type.
 fn option_faults(kind: &str, rows: &[Vec<String>]) -> Vec<String> {

@@ -31,6 +31,7 @@ mod damaged_store;
 mod dashboard;
 mod data_dir;
 mod database_crashes;
+mod decks;
 mod determinism;
 mod documents;
 mod events;

@@ -38,6 +38,22 @@ const OPTIONS = {
   cut_voxels: { label: "Voxels that a surface cuts", choices: ["mixed", "labels"], hint: "labels with hexahedra" },
   tolerance: { label: "Error of the solver", value: 0.0001 },
   walls: { label: "A box with walls", choices: ["periodic", "mirrored"] },
+  solver: { label: "Solver", choices: ["calculix", "abaqus"] },
+  load: {
+    label: "Load",
+    choices: [
+      "uniaxial_z",
+      "uniaxial_x",
+      "uniaxial_y",
+      "shear_xy",
+      "shear_xz",
+      "shear_yz",
+      "temperature",
+    ],
+  },
+  strain: { label: "Strain or shear angle", hint: "1e-4 when empty; none for temperature" },
+  temperature_change_k: { label: "Rise of the temperature", unit: "K", hint: "for temperature; 1 when empty" },
+  elements: { label: "Elements", choices: ["voxels"] },
   axis: { label: "Axis", choices: ["z", "x", "y"] },
   at_mm: { label: "Position", unit: "mm", hint: "the middle when empty" },
   pixels: { label: "Pixels along the longer edge", hint: "for png; 1000 when empty" },
@@ -58,6 +74,7 @@ export const TYPES = {
   mesh: "Surface mesh",
   voxels: "Voxel model",
   slice: "Cross-section",
+  deck: "Model for CalculiX or Abaqus",
   ldpm: "Lattice discrete particle model",
   certificates: "Proofs that close grains keep their gaps",
   shapes: "Shapes of the grains",
@@ -85,6 +102,7 @@ export const FORMATS = {
   facets: "facets",
   cells: "cells",
   csv: "CSV",
+  zip: "zip",
 };
 
 /**

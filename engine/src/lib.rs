@@ -49,6 +49,7 @@ mod rng;
 mod run;
 pub mod segregation;
 pub mod shape;
+pub mod solution;
 mod sorting;
 pub mod specimen;
 mod summed;

@@ -32,6 +32,7 @@ const LAYERS: [&str; 28] = [
     "analysis",
     "homogenization",
     "export",
+    "solution",
     "template_cache",
     "run",
 ];

@@ -11,7 +11,7 @@ from . import _files, _html, _warnings
 from ._resource import Changing
 from .errors import error_of
 
-ExportType = Literal["mesh", "voxels", "slice", "ldpm", "certificates", "shapes", "quality", "properties"]
+ExportType = Literal["mesh", "voxels", "slice", "deck", "ldpm", "certificates", "shapes", "quality", "properties"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
 MeshFormat = Literal["msh", "geo", "stl", "inp", "vtu", "med"]
 VoxelFormat = Literal["vti", "raw", "inp", "npy", "vtk", "zip"]
@@ -39,7 +39,7 @@ class Export(Changing):
 
     @property
     def type(self) -> ExportType:
-        """The type: ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes``, ``quality`` or
+        """The type: ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``, ``quality`` or
         ``properties``."""
         type: ExportType = self.data["type"]
         return type

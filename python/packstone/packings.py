@@ -251,7 +251,7 @@ class Packing:
     ) -> dict[str, Any]:
         """Writes an export of any type and format to a file, and returns its figures, such as a number of triangles.
 
-        The types are ``mesh``, ``voxels``, ``slice``, ``ldpm``, ``certificates``, ``shapes``, ``quality`` and
+        The types are ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``, ``quality`` and
         ``properties``.
         The format is the first of the type's formats if it is not named, whatever the suffix. An option that is a word
         of Python has an underscore behind it: ``export("voxels", "a.vti", for_="damask")``. Beside a mesh for Gmsh its

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{ExportError, Model};
-use super::{certificates, ldpm, mesh, properties, quality, shapes, slice, voxels};
+use super::{certificates, deck, ldpm, mesh, properties, quality, shapes, slice, voxels};
 use crate::analysis::quality::QualityReport;
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
@@ -24,6 +24,8 @@ pub enum ExportType {
     Voxels,
     /// A plane cross-section.
     Slice,
+    /// A model that a finite element program runs: mesh, materials, supports, a load.
+    Deck,
     /// A lattice discrete particle model, checked.
     Ldpm,
     /// Proofs that close pairs of grains do not overlap.
@@ -38,10 +40,11 @@ pub enum ExportType {
 
 impl ExportType {
     /// All types, in the order of the documentation.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Mesh,
         Self::Voxels,
         Self::Slice,
+        Self::Deck,
         Self::Ldpm,
         Self::Certificates,
         Self::Shapes,
@@ -55,6 +58,7 @@ impl ExportType {
             Self::Mesh => "mesh",
             Self::Voxels => "voxels",
             Self::Slice => "slice",
+            Self::Deck => "deck",
             Self::Ldpm => "ldpm",
             Self::Certificates => "certificates",
             Self::Shapes => "shapes",
@@ -74,6 +78,7 @@ impl ExportType {
             Self::Mesh => &mesh::FORMATS,
             Self::Voxels => &["vti", "raw", "inp", "npy"],
             Self::Slice => &["svg", "png", "json", "geo"],
+            Self::Deck => &["zip"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
             Self::Quality | Self::Properties => &["json"],
@@ -103,6 +108,7 @@ impl ExportType {
             Self::Mesh => mesh::MeshRequest::read(object).map(ExportRequest::Mesh),
             Self::Voxels => voxels::VoxelOptions::read(object).map(ExportRequest::Voxels),
             Self::Slice => slice::SliceOptions::read(object).map(ExportRequest::Slice),
+            Self::Deck => deck::DeckOptions::read(object).map(ExportRequest::Deck),
             Self::Ldpm => ldpm::LatticeOptions::read(object).map(ExportRequest::Ldpm),
             Self::Certificates => {
                 certificates::CertificateOptions::read(object).map(ExportRequest::Certificates)
@@ -125,6 +131,8 @@ pub enum ExportRequest {
     Voxels(voxels::VoxelOptions),
     /// A plane cross-section.
     Slice(slice::SliceOptions),
+    /// A model that a finite element program runs.
+    Deck(deck::DeckOptions),
     /// A lattice discrete particle model, checked.
     Ldpm(ldpm::LatticeOptions),
     /// Proofs that close pairs of grains do not overlap.
@@ -150,6 +158,8 @@ pub enum ExportReport {
     Voxels(voxels::VoxelReport),
     /// A plane cross-section.
     Slice(slice::SliceReport),
+    /// A model that a finite element program runs.
+    Deck(deck::DeckReport),
     /// A lattice discrete particle model.
     Ldpm(ldpm::LatticeReport),
     /// Proofs that close pairs of grains do not overlap.
@@ -167,6 +177,7 @@ impl ExportReport {
     pub fn warnings(&self) -> &[String] {
         match self {
             Self::Mesh(report) => report.warnings(),
+            Self::Deck(report) => &report.warnings,
             _ => &[],
         }
     }
@@ -217,6 +228,7 @@ impl ExportRequest {
             Self::Mesh(_) => ExportType::Mesh,
             Self::Voxels(_) => ExportType::Voxels,
             Self::Slice(_) => ExportType::Slice,
+            Self::Deck(_) => ExportType::Deck,
             Self::Ldpm(_) => ExportType::Ldpm,
             Self::Certificates(_) => ExportType::Certificates,
             Self::Shapes(_) => ExportType::Shapes,
@@ -231,6 +243,7 @@ impl ExportRequest {
             Self::Mesh(mesh) => mesh.format(),
             Self::Voxels(options) => options.format.name(),
             Self::Slice(options) => options.format.name(),
+            Self::Deck(options) => options.format.name(),
             Self::Ldpm(options) => options.format.name(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
@@ -249,6 +262,7 @@ impl ExportRequest {
             Self::Mesh(mesh) => mesh.check(specimen),
             Self::Voxels(options) => voxels::check(specimen, options, limits),
             Self::Slice(options) => slice::check(specimen, options, limits),
+            Self::Deck(options) => deck::check(specimen, options, limits),
             Self::Ldpm(options) => ldpm::check(specimen, options, limits),
             Self::Properties(options) => properties::check(specimen, options, limits),
             Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => Ok(()),
@@ -332,6 +346,7 @@ impl ExportRequest {
             Self::Mesh(_) => 0,
             Self::Voxels(options) => voxels::expected_bytes(specimen, options, &grains.interfaces),
             Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
+            Self::Deck(options) => deck::expected_bytes(specimen, options),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
             Self::Shapes(_) => shapes::expected_bytes(grains.number),
@@ -371,6 +386,7 @@ impl ExportRequest {
             Self::Slice(options) => {
                 slice::write(model, options, limits, control, out).map(ExportReport::Slice)
             }
+            Self::Deck(options) => deck::write(model, options, limits, control, out).map(ExportReport::Deck),
             Self::Ldpm(options) => ldpm::write(model, options, limits, control, out).map(ExportReport::Ldpm),
             Self::Certificates(options) => {
                 certificates::write(model, options, limits, control, out).map(ExportReport::Certificates)
@@ -442,6 +458,7 @@ impl ExportRequest {
             Self::Mesh(mesh) => mesh.media_type(),
             Self::Voxels(options) => options.format.media_type(),
             Self::Slice(options) => options.format.media_type(),
+            Self::Deck(options) => options.format.media_type(),
             Self::Ldpm(options) => options.format.media_type(),
             Self::Certificates(options) => options.format.media_type(),
             Self::Shapes(options) => options.format.media_type(),
@@ -456,6 +473,7 @@ impl ExportRequest {
             Self::Mesh(mesh) => mesh.file_extension(),
             Self::Voxels(options) => options.format.name(),
             Self::Slice(options) => options.format.name(),
+            Self::Deck(options) => options.format.name(),
             Self::Ldpm(options) => options.format.extension(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
@@ -476,6 +494,7 @@ impl ExportRequest {
             Self::Mesh(_) => Vec::new(),
             Self::Voxels(options) => options.reader.iter().map(|reader| reader.name().to_owned()).collect(),
             Self::Slice(_) => vec!["slice".to_owned()],
+            Self::Deck(_) => vec!["deck".to_owned()],
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
             Self::Certificates(_) => vec!["certificates".to_owned()],
             Self::Shapes(_) => vec!["shapes".to_owned()],
@@ -505,6 +524,8 @@ impl ExportRequest {
             // The name says that there are tetrahedra; they are of the first order where it does not say which.
             (Self::Mesh(_), "elements") => true,
             (Self::Mesh(_), "order") => value.as_u64() == Some(1),
+            // Comes with the load.
+            (Self::Deck(_), "temperature_change_k") => value == deck::DEFAULT_TEMPERATURE_CHANGE_K,
             (Self::Ldpm(options), "surface_radius") => {
                 value.as_f64().is_some_and(|radius| radius * 2.0 == options.fictitious_diameter)
             }
@@ -513,7 +534,7 @@ impl ExportRequest {
         own.iter()
             .filter(|(name, value)| default.get(*name) != Some(*value) && !follows(name, value))
             .map(|(name, value)| match (name.as_str(), value) {
-                ("label" | "axis", Value::String(text)) => text.clone(),
+                ("label" | "axis" | "load" | "solver", Value::String(text)) => text.clone(),
                 ("materials", _) => format!("{name}-{}", self.digits_of_materials()),
                 (_, Value::String(text)) => format!("{name}-{}", text.replace(',', "-")),
                 _ => format!("{name}-{value}"),

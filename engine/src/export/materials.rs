@@ -1,7 +1,7 @@
 //! The materials that an export computes with: those of its option `materials`, else those that the request of the
 //! packing states.
 
-use super::{ExportError, ExportRequest, Model, properties};
+use super::{ExportError, ExportRequest, Model, deck, properties};
 use crate::request::materials::{AGGREGATE, EXAMPLE, MATRIX, Material, OPTION};
 use crate::request::{FieldError, Materials, PackingRequest};
 
@@ -11,6 +11,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(options) => options.needs_materials(),
             Self::Properties(_) => true,
+            Self::Deck(_) => true,
             _ => false,
         }
     }
@@ -20,6 +21,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(options) => options.materials.as_ref(),
             Self::Properties(options) => options.materials.as_ref(),
+            Self::Deck(options) => options.materials.as_ref(),
             _ => None,
         }
     }
@@ -29,6 +31,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(options) => Some(&mut options.materials),
             Self::Properties(options) => Some(&mut options.materials),
+            Self::Deck(options) => Some(&mut options.materials),
             _ => None,
         }
     }
@@ -65,6 +68,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(_) => moduli_gpa(&phases).map(|_| ()),
             Self::Properties(options) => properties::judge(&phases, options),
+            Self::Deck(options) => deck::check_materials(&phases, options),
             _ => Ok(()),
         }
     }

@@ -1,11 +1,12 @@
-//! Exports of a finished packing: surface meshes, voxels, slices, lattice models, tables of its grains, and its
-//! quality.
+//! Exports of a finished packing: surface meshes, voxels, slices, decks for finite elements, lattice models, tables of
+//! its grains, and its quality.
 //!
 //! Every export is a pure function of a [`Model`] and its options, so that the same request gives the same bytes.
 
 mod archive;
 pub mod catalog;
 pub mod certificates;
+pub mod deck;
 mod digits;
 mod groups;
 mod judge;

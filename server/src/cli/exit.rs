@@ -23,6 +23,7 @@ Exit codes:
   6    a fault of the machine: no space, no memory, a disk that fails
   7    a merged study is unfinished: runs are missing
   8    a server refused this worker: another build, other bits, or a key that may not lease jobs
+  9    a program that the command starts is missing or failed: CalculiX
   130  stopped by a signal";
 
 /// How a command fails.
@@ -42,6 +43,8 @@ pub(super) enum Exit {
     Unfinished = 7,
     /// A server refused a worker.
     Refused = 8,
+    /// Another program is missing or failed.
+    Program = 9,
     /// A signal.
     Interrupted = 130,
 }
@@ -173,6 +176,7 @@ mod tests {
             Exit::Machine,
             Exit::Unfinished,
             Exit::Refused,
+            Exit::Program,
             Exit::Interrupted,
         ] {
             let code = exit as u8;

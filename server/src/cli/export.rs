@@ -27,7 +27,7 @@ pub(super) struct Options {
     /// Job by whose specimen and distance the packing is checked; a table of grains needs it
     #[arg(long, value_name = "JOB.json")]
     specimen: Option<PathBuf>,
-    /// What to make of it: mesh, voxels, slice, ldpm, certificates, shapes, quality or properties, with
+    /// What to make of it: mesh, voxels, slice, deck, ldpm, certificates, shapes, quality or properties, with
     /// options, as `voxels:format=raw,cells=200`
     #[arg(value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse, required_unless_present = "picture")]
     exports: Vec<ExportRequest>,

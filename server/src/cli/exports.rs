@@ -247,10 +247,11 @@ pub(super) fn write(
     Ok(())
 }
 
-struct Watch<'a> {
-    bar: Bar,
-    what: &'static str,
-    stop: &'a Arc<AtomicBool>,
+/// Shows how far a file is made, and passes requests to stop on.
+pub(super) struct Watch<'a> {
+    pub(super) bar: Bar,
+    pub(super) what: &'static str,
+    pub(super) stop: &'a Arc<AtomicBool>,
 }
 
 impl Control for Watch<'_> {
@@ -292,7 +293,10 @@ mod tests {
         let missing = parse("voxels:for=fans,materials=no-such-file.json").unwrap_err();
         assert!(missing.contains("no-such-file.json"), "{missing}");
         for (text, says) in [
-            ("cube", "must be one of mesh, voxels, slice, ldpm, certificates, shapes, quality, properties"),
+            (
+                "cube",
+                "must be one of mesh, voxels, slice, deck, ldpm, certificates, shapes, quality, properties",
+            ),
             ("voxels:raw", "must be OPTION=VALUE"),
             ("voxels:cells=0", "/cells: 0 is out of range"),
             ("voxels:colour=red", "/colour: unknown option"),

@@ -27,6 +27,7 @@ mod run;
 mod serve;
 mod shell;
 mod signals;
+mod solve;
 mod study;
 mod unfinished;
 mod webhook_secret;
@@ -59,8 +60,10 @@ enum Command {
     Demo(demo::Options),
     /// Run one job without a service
     Run(run::Options),
-    /// Make meshes, voxels, slices, lattice models or a picture of a result
+    /// Make meshes, voxels, slices, decks, lattice models or a picture of a result
     Export(export::Options),
+    /// Run CalculiX on a deck, and compute the properties that follow
+    Solve(Box<solve::Options>),
     /// Run a study without a service: many packings and the table of how they ended
     Study(Box<study::Options>),
     /// Say what a job amounts to: grains, memory, time, chance of success
@@ -100,6 +103,7 @@ pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Demo(options) => demo::run(&options),
         Command::Run(options) => run::run(&options),
         Command::Export(options) => export::run(&options),
+        Command::Solve(options) => solve::run(&options),
         Command::Study(options) => study::run(&options),
         Command::Plan(options) => plan::run(&options),
         Command::Openapi => openapi::run(),

@@ -19,7 +19,9 @@
 //! # Ok::<(), Ended>(())
 //! ```
 
+pub(crate) mod calculix;
 mod packed;
+pub(crate) mod program;
 mod run;
 mod study;
 

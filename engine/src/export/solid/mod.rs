@@ -23,6 +23,7 @@ use crate::control::Control;
 
 pub use element::ElementKind;
 pub use measures::{PhaseMeasures, SolidMeasures};
+pub use vtu::{NodeField, NodeValues};
 
 /// Elements between two looks at whether to stop.
 const ELEMENTS_PER_LOOK: usize = 1 << 12;
@@ -158,7 +159,22 @@ impl SolidMesh {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<(), ExportError> {
-        vtu::write(self, provenance, control, out)
+        self.write_vtu_with(&[], provenance, control, out)
+    }
+
+    /// The same with quantities at the nodes.
+    ///
+    /// # Errors
+    /// [`ExportError::Write`], [`ExportError::Stopped`], and [`ExportError::CheckFailed`] for a quantity of another
+    /// number of nodes.
+    pub fn write_vtu_with(
+        &self,
+        fields: &[NodeField],
+        provenance: Option<&Provenance>,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<(), ExportError> {
+        vtu::write(self, fields, provenance, control, out)
     }
 
     /// Longest length of the file that [`write_inp`](Self::write_inp) writes for so many nodes and elements, within a

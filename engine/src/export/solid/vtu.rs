@@ -8,8 +8,29 @@ use crate::export::steps::{PIECES_PER_REPORT, Steps};
 use crate::export::vtk_xml::VtkXml;
 use crate::export::{ExportError, Provenance, go_on};
 
+/// A quantity at the nodes of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NodeField {
+    /// Name of the array.
+    pub name: &'static str,
+    /// A value for each node.
+    pub values: NodeValues,
+}
+
+/// Values at the nodes of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub enum NodeValues {
+    /// Numbers.
+    Scalar(Vec<f32>),
+    /// Vectors.
+    Vector(Vec<[f32; 3]>),
+    /// Symmetric tensors: xx, yy, zz, xy, yz, xz.
+    Tensor(Vec<[f32; 6]>),
+}
+
 pub(super) fn write(
     mesh: &SolidMesh,
+    fields: &[NodeField],
     provenance: Option<&Provenance>,
     control: &dyn Control,
     out: &mut dyn Write,
@@ -19,6 +40,16 @@ pub(super) fn write(
     let mut file = VtkXml::new("UnstructuredGrid", &[], &piece, provenance);
     file.section("Points", None);
     file.array("Points", nodes, mesh.nodes_mm.iter().map(|point| <[f64; 3]>::from(*point)));
+    if !fields.is_empty() {
+        file.section("PointData", None);
+    }
+    for NodeField { name, values } in fields {
+        match values {
+            NodeValues::Scalar(values) => file.array(name, nodes, values.iter().copied()),
+            NodeValues::Vector(values) => file.array(name, nodes, values.iter().copied()),
+            NodeValues::Tensor(values) => file.array(name, nodes, values.iter().copied()),
+        }
+    }
     file.section("CellData", Some("phase"));
     file.array("phase", cells, mesh.phase_of.iter().map(|phase| i32::from(*phase)));
     file.array("grain", cells, mesh.grain_of.iter().copied());

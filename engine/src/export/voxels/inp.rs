@@ -35,7 +35,7 @@ const PER_LINE: usize = 16;
 
 /// The faces of a hexahedron: name of the specimen's face it may be part of, its identifier, the offset of the
 /// neighbour.
-const FACES: [(&str, &str, [i64; 3]); 6] = [
+pub(super) const FACES: [(&str, &str, [i64; 3]); 6] = [
     ("x_min", "S6", [-1, 0, 0]),
     ("x_max", "S4", [1, 0, 0]),
     ("y_min", "S3", [0, -1, 0]),
@@ -319,18 +319,18 @@ impl Voxels<'_> {
     }
 }
 
-/// Numbers of nodes and elements.
-struct Lattice<'a> {
-    grid: &'a VoxelGrid,
+/// Numbers of nodes and elements, from 1.
+pub(super) struct Lattice<'a> {
+    pub(super) grid: &'a VoxelGrid,
 }
 
 impl Lattice<'_> {
-    fn node(&self, [i, j, k]: [usize; 3]) -> usize {
+    pub(super) fn node(&self, [i, j, k]: [usize; 3]) -> usize {
         let [nx, ny, _] = self.grid.shape;
         1 + i + (nx + 1) * (j + (ny + 1) * k)
     }
 
-    fn element(&self, [i, j, k]: [usize; 3]) -> usize {
+    pub(super) fn element(&self, [i, j, k]: [usize; 3]) -> usize {
         let [nx, ny, _] = self.grid.shape;
         1 + i + nx * (j + ny * k)
     }
@@ -344,15 +344,17 @@ impl Lattice<'_> {
             .unwrap_or_default()
     }
 
-    fn push_element(&self, place: [usize; 3], text: &mut Vec<u8>) {
+    /// The nodes of an element.
+    pub(super) fn nodes_of(&self, [i, j, k]: [usize; 3]) -> impl Iterator<Item = usize> {
         const CORNERS: [[usize; 2]; 4] = [[0, 0], [1, 0], [1, 1], [0, 1]];
+        [0, 1].into_iter().flat_map(move |dk| CORNERS.map(|[di, dj]| self.node([i + di, j + dj, k + dk])))
+    }
+
+    fn push_element(&self, place: [usize; 3], text: &mut Vec<u8>) {
         push_whole(text, self.element(place) as u64);
-        let [i, j, k] = place;
-        for dk in [0, 1] {
-            for [di, dj] in CORNERS {
-                text.push(b',');
-                push_whole(text, self.node([i + di, j + dj, k + dk]) as u64);
-            }
+        for node in self.nodes_of(place) {
+            text.push(b',');
+            push_whole(text, node as u64);
         }
         text.push(b'\n');
     }
@@ -365,12 +367,12 @@ impl Lattice<'_> {
     }
 
     /// The specimen's face that lies at that offset of an element which has no neighbour there.
-    fn face_name(&self, face: usize) -> &'static str {
+    pub(super) fn face_name(&self, face: usize) -> &'static str {
         if self.grid.is_full() || face >= 4 { FACES[face].0 } else { "side" }
     }
 
     /// The specimen's faces.
-    fn face_names(&self) -> &'static [&'static str] {
+    pub(super) fn face_names(&self) -> &'static [&'static str] {
         if self.grid.is_full() {
             &["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"]
         } else {
@@ -379,7 +381,7 @@ impl Lattice<'_> {
     }
 
     /// Calls `visit` with every element that has no neighbour at that offset.
-    fn for_each_outer(
+    pub(super) fn for_each_outer(
         &self,
         face: usize,
         visit: &mut dyn FnMut([usize; 3]) -> io::Result<()>,

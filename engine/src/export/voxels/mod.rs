@@ -15,6 +15,7 @@ mod pass;
 mod readers;
 mod rows;
 mod share;
+mod solid;
 mod vti;
 
 use std::io::{BufWriter, Write};
@@ -28,6 +29,10 @@ pub use options::{
 };
 
 pub(super) use self::inp::Interfaces;
+#[cfg(test)]
+pub(super) use solid::of_labels;
+pub(super) use solid::{hexahedra, solid_mesh};
+
 use self::layers::Bodies;
 use self::numbers::Numbers;
 use self::pass::{LayerSteps, Work};

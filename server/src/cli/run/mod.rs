@@ -6,6 +6,8 @@ mod watch;
 use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
@@ -16,7 +18,9 @@ use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, PlanError
 use super::exit::{Exit, Failure, cannot_be};
 use super::exports::{self, MaterialsFile, Output, PICTURE};
 use super::input::Input;
-use super::print_files;
+use super::signals::stop_on_signals;
+use super::solve::Deck;
+use super::{print_files, solve};
 use crate::atomic_file::write_buffered;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, limits_of_one_packing, seconds_or_none};
 use crate::exports::distance_kept;
@@ -39,7 +43,7 @@ pub(super) struct Options {
     /// Formats of the table of grains; html is a page of its own with a viewer, to send by mail
     #[arg(long, value_delimiter = ',', default_value = "json", value_parser = format_parser())]
     format: Vec<ResultFormat>,
-    /// An export of the result: mesh, voxels, slice, ldpm, certificates, shapes, quality or properties, with
+    /// An export of the result: mesh, voxels, slice, deck, ldpm, certificates, shapes, quality or properties, with
     /// options, as `voxels:format=raw,cells=200`; may be repeated
     #[arg(long, value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     export: Vec<ExportRequest>,
@@ -64,6 +68,12 @@ pub(super) struct Options {
     /// for each core]
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
+    /// Make a deck with these options, run CalculiX on it, and compute the properties that follow, as
+    /// `load=uniaxial_z,cells=60`; may be repeated. Stands for `--export deck:OPTIONS` and `packstone solve`
+    #[arg(long, value_name = "OPTION=VALUE,...", num_args = 0..=1, default_missing_value = "", value_parser = solve::parse)]
+    solve: Vec<ExportRequest>,
+    #[command(flatten)]
+    calculix: solve::Calculix,
     #[command(flatten)]
     gmsh: GmshOptions,
     #[command(flatten)]
@@ -119,6 +129,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     for output in &files.exports {
         output.check(&packing_request, &limits)?;
     }
+    if !options.solve.is_empty() {
+        options.calculix.find()?;
+    }
     for (kind, file) in &files.plots {
         job::check(*kind, &packing_request).map_err(|error| not_drawn(file, error))?;
     }
@@ -127,7 +140,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let (resume, kept) = earlier.check(options, &request, &all)?;
     if kept.is_all(&all) {
         say(&format!("the result in {} is complete: nothing is left to do", options.out.display()));
-        return print_files(&all);
+        print_files(&all)?;
+        return solve_decks(options, &files.exports, true, None);
     }
     exports::announce_planned(&files.exports, &packing_request, &plan);
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
@@ -157,7 +171,30 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         earlier.unfinished.end()?;
     }
     print_files(all.iter().filter(|file| file.exists()))?;
+    solve_decks(options, &files.exports, false, Some(watch.stop()))?;
     undrawn.map_or(Ok(()), Err)
+}
+
+/// Runs CalculiX on the decks of `--solve`; on those that have no results yet where the run was complete before.
+fn solve_decks(
+    options: &Options,
+    outputs: &[Output],
+    only_unsolved: bool,
+    stop: Option<&Arc<AtomicBool>>,
+) -> Result<(), Failure> {
+    let decks = outputs.iter().filter(|output| options.solve.contains(&output.export));
+    let decks: Vec<Deck> = decks.map(|output| Deck::at(&output.file, None)).collect();
+    let due: Vec<&Deck> = decks.iter().filter(|deck| !(only_unsolved && deck.is_solved())).collect();
+    if due.is_empty() {
+        return Ok(());
+    }
+    let stop = stop.map_or_else(stop_on_signals, |stop| Ok(Arc::clone(stop)))?;
+    for deck in due {
+        // A run that goes on replaces the results of the packing that it replaced.
+        let force = options.force || options.earlier.resume;
+        deck.solve(&options.calculix, force, &stop)?.print()?;
+    }
+    Ok(())
 }
 
 /// Packs, and removes the checkpoint where going on from it would only repeat the answer.
@@ -207,8 +244,9 @@ struct Files {
 impl Files {
     /// Those that the options ask for, then those that the job asks for.
     fn of(options: &Options, request: &JobRequest) -> Result<Self, Failure> {
-        let exports =
-            options.materials.given_to(options.export.iter().chain(request.exports()), &options.input)?;
+        let exports = options
+            .materials
+            .given_to(options.export.iter().chain(&options.solve).chain(request.exports()), &options.input)?;
         let named = |name: String| options.out.join(name);
         Ok(Self {
             grains: options.format.iter().map(|&f| (f, named(format!("result.{}", f.name())))).collect(),

@@ -1,0 +1,315 @@
+//! Decks: models of a packing that a finite element program runs as they are, with mesh, materials, supports, a load
+//! and output.
+//!
+//! A deck is a zip: `model.inp` with the step, `mesh.inp`, `materials.inp`, `plates.inp` with the equations that keep
+//! free faces plane, `deck.json` with the figures, and a README. `load` has the boundary conditions and why they are
+//! chosen, `support` the check that they hold the mesh, `solid_part` what becomes of pores, `text` the keywords.
+//! [`crate::solution`] reads what CalculiX computes of it.
+
+mod load;
+mod options;
+mod report;
+mod sets;
+mod solid_part;
+mod support;
+mod text;
+mod unpack;
+
+use std::io::Write;
+use std::num::NonZeroUsize;
+
+pub use load::Load;
+pub use options::{
+    DEFAULT_CELLS, DEFAULT_STRAIN, DEFAULT_TEMPERATURE_CHANGE_K, DeckElements, DeckFormat, DeckOptions,
+    Solver,
+};
+pub use report::{DeckPhase, DeckReport, LateralFaces};
+pub use unpack::unpack;
+
+use self::load::Conditions;
+use self::sets::NodeSets;
+use self::solid_part::LeftOut;
+use super::archive::{Archive, Content, PIECE_BYTES};
+use super::materials::{Phase, moduli_gpa, of_model, phases as phases_with_materials};
+use super::solid::{ElementKind, PhaseRole, PhaseSet, SolidMeasures, SolidMesh};
+use super::{ExportError, Model, Provenance, voxels};
+use crate::control::{Control, Part};
+use crate::memory::reserved;
+use crate::plan::Limits;
+use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
+
+/// Name of the set of nodes of all faces, whose displacements and reactions a deck prints.
+pub const PRINTED_SET: &str = load::ALL_FACES;
+/// Name of the job that a solver runs: `model.inp`.
+pub const MODEL: &str = text::MODEL;
+/// Bytes of text that deflate makes one of.
+const DEFLATED: u64 = 4;
+/// Bytes of the comments that begin a file at most.
+const HEAD_BYTES: usize = 1000;
+/// Bytes of an equation at most.
+const EQUATION_BYTES: usize = 60;
+
+/// Judges options before there are grains.
+///
+/// # Errors
+/// [`ExportError::Invalid`] for a load that the specimen does not have, [`ExportError::TooLarge`].
+pub(super) fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<(), ExportError> {
+    if !options.load.fits(specimen) {
+        let detail = format!(
+            "{} is no load of a cylinder: must be {} or {}; pack a box for the others",
+            options.load.name(),
+            Load::UniaxialZ.name(),
+            Load::Temperature.name()
+        );
+        return Err(ExportError::Invalid(vec![FieldError::new("/load", detail)]));
+    }
+    voxels::check(specimen, &options.voxels(), limits)
+}
+
+/// Length of the file, within a factor of two.
+pub(super) fn expected_bytes(specimen: &Specimen, options: &DeckOptions) -> u64 {
+    let (nodes, elements) = voxels::hexahedra(specimen, &options.voxels());
+    SolidMesh::inp_bytes(ElementKind::Hexahedron8, nodes, elements) / DEFLATED
+}
+
+/// Makes the deck and writes it.
+///
+/// # Errors
+/// Those of [`check`]; [`ExportError::Invalid`] for a phase without the properties that the load needs;
+/// [`ExportError::Unavailable`] for an empty set, a load on no node, and too few constraints; and
+/// [`ExportError::Stopped`]. Nothing is written before all of this is known.
+pub(super) fn write(
+    model: &Model<'_>,
+    options: &DeckOptions,
+    limits: &Limits,
+    control: &dyn Control,
+    out: &mut dyn Write,
+) -> Result<DeckReport, ExportError> {
+    check(model.specimen, options, limits)?;
+    let materials = of_model(options.materials.as_ref(), model)?;
+    let meshing = Part::new(control, 0.0, 0.5);
+    let mesh = voxels::solid_mesh(model, &options.voxels(), limits, &meshing)?;
+    let deck = Deck::new(mesh, model.specimen, options, materials, &meshing)?;
+    let writing = Part::new(control, 0.5, 1.0);
+    deck.write(model.provenance, limits.export_threads, &writing, out)?;
+    Ok(deck.report)
+}
+
+/// Judges the materials of a packing's phases before there are grains.
+///
+/// # Errors
+/// [`ExportError::Invalid`] with every property that is missing.
+pub(super) fn check_materials(phases: &[Phase<'_>], options: &DeckOptions) -> Result<(), ExportError> {
+    moduli_gpa(phases)?;
+    let heats = options.load == Load::Temperature;
+    let needs = |phase: &&Phase<'_>| heats && modulus(phase.material) > 0.0;
+    let missing: Vec<FieldError> = phases
+        .iter()
+        .filter(needs)
+        .filter_map(|phase| phase.needed("expansion_1_k", phase.material.expansion_1_k).err())
+        .collect();
+    if missing.is_empty() { Ok(()) } else { Err(ExportError::Invalid(missing)) }
+}
+
+/// A deck that is complete and checked.
+pub(super) struct Deck {
+    mesh: SolidMesh,
+    specimen: Specimen,
+    conditions: Conditions,
+    report: DeckReport,
+}
+
+impl Deck {
+    /// Judges a mesh with its load and materials.
+    ///
+    /// # Errors
+    /// See [`write`].
+    pub(super) fn new(
+        mesh: SolidMesh,
+        specimen: &Specimen,
+        options: &DeckOptions,
+        materials: &Materials,
+        control: &dyn Control,
+    ) -> Result<Self, ExportError> {
+        refuse_empty(&mesh)?;
+        let of_phases = materials_of(&mesh.phases, materials, options)?;
+        let conditions = Conditions::of(options.load, specimen, options.strain.unwrap_or_default());
+        support::check(&conditions, &NodeSets::new(&mesh, specimen), &mesh.nodes_mm)?;
+        let whole = mesh.check(control)?;
+        let volume_mm3 = whole.volume_mm3;
+        let is_solid: Vec<bool> = of_phases.iter().map(|material| modulus(material) > 0.0).collect();
+        let (mesh, left_out) = solid_part::solid_part(mesh, &is_solid)?;
+        let sets = NodeSets::new(&mesh, specimen);
+        let measures = if left_out == LeftOut::default() {
+            whole
+        } else {
+            refuse_empty(&mesh)?;
+            support::check(&conditions, &sets, &mesh.nodes_mm)?;
+            mesh.check(control)?
+        };
+        let solid_materials = of_phases.into_iter().filter(|material| modulus(material) > 0.0);
+        let mut warnings = Vec::new();
+        if matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. }) {
+            warnings.push(
+                "The box is periodic, but the deck puts it between plates: its stiffness is that of the cell that is \
+                 mirrored at its faces."
+                    .to_owned(),
+            );
+        }
+        if left_out.loose > 0 {
+            warnings.push(format!(
+                "{} elements are left out that share no side with the rest of the solid.",
+                left_out.loose
+            ));
+        }
+        let is_cylinder = matches!(specimen, Specimen::Cylinder { .. });
+        let report = DeckReport {
+            solver: options.solver,
+            load: options.load,
+            strain: options.strain,
+            temperature_change_k: options.temperature_change_k,
+            elements: options.elements,
+            element_type: mesh.kind.abaqus_name().to_owned(),
+            lateral_faces: if is_cylinder { LateralFaces::Free } else { LateralFaces::Plane },
+            size_mm: specimen.bounds_mm(),
+            volume_mm3,
+            nodes: measures.nodes,
+            number_of_elements: measures.elements,
+            degrees_of_freedom: degrees_of_freedom(&conditions, &sets, mesh.nodes_mm.len())?,
+            phases: phases(&measures, solid_materials),
+            pore_elements: left_out.pores,
+            loose_elements: left_out.loose,
+            warnings,
+        };
+        Ok(Self { conditions, specimen: *specimen, report, mesh })
+    }
+
+    /// Writes the zip. Its bytes do not depend on the threads.
+    ///
+    /// # Errors
+    /// [`ExportError::Write`], [`ExportError::OutOfMemory`], [`ExportError::Stopped`].
+    pub(super) fn write(
+        &self,
+        provenance: Option<&Provenance>,
+        threads: NonZeroUsize,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<(), ExportError> {
+        let report = &self.report;
+        let head = text::head(report, provenance);
+        let sets = NodeSets::new(&self.mesh, &self.specimen);
+        let bytes = SolidMesh::inp_bytes(self.mesh.kind, report.nodes, report.number_of_elements);
+        let mut mesh = reserved(bytes as usize)?;
+        self.mesh.write_inp(&head, control, &mut mesh)?;
+        let mut archive = Archive::new(out, threads)?;
+        add(&mut archive, "README.txt", text::readme(&head, report).as_bytes())?;
+        add(&mut archive, "model.inp", text::model(&head, report, &self.conditions, &sets).as_bytes())?;
+        add(&mut archive, "materials.inp", text::materials(&head, &report.phases).as_bytes())?;
+        if !self.conditions.tied.is_empty() {
+            let equations =
+                self.conditions.tied.iter().map(|(face, _)| sets.nodes(face).len()).sum::<usize>();
+            let mut plates = reserved(HEAD_BYTES + EQUATION_BYTES * equations)?;
+            plates.extend_from_slice(text::comments(&head).as_bytes());
+            for (face, axis) in &self.conditions.tied {
+                if let Some((first, others)) = sets.nodes(face).split_first() {
+                    for node in others {
+                        text::push_equation(&mut plates, *node, *first, *axis);
+                    }
+                }
+            }
+            add(&mut archive, "plates.inp", &plates)?;
+        }
+        let figures = serde_json::to_string_pretty(report).map_err(std::io::Error::from)? + "\n";
+        add(&mut archive, "deck.json", figures.as_bytes())?;
+        add(&mut archive, "mesh.inp", &mesh)?;
+        archive.finish()
+    }
+}
+
+fn add(archive: &mut Archive<'_>, name: &str, text: &[u8]) -> Result<(), ExportError> {
+    let content = Content {
+        pieces: text.len().div_ceil(PIECE_BYTES),
+        most_bytes: PIECE_BYTES,
+        write: |piece, content: &mut Vec<u8>| {
+            content.extend_from_slice(&text[piece * PIECE_BYTES..text.len().min((piece + 1) * PIECE_BYTES)]);
+            Ok(())
+        },
+        taken: |_| {},
+    };
+    archive.add(name, content)
+}
+
+/// Refuses a phase without elements.
+fn refuse_empty(mesh: &SolidMesh) -> Result<(), ExportError> {
+    let mut has_elements = vec![false; mesh.phases.len()];
+    for phase in &mesh.phase_of {
+        has_elements[usize::from(*phase)] = true;
+    }
+    match mesh.phases.iter().zip(&has_elements).find(|(_, has)| !**has) {
+        Some((phase, _)) => Err(ExportError::Unavailable(format!(
+            "the set of elements {} of the deck is empty: no element lies in this phase; choose finer elements",
+            phase.name
+        ))),
+        None => Ok(()),
+    }
+}
+
+fn modulus(material: &Material) -> f64 {
+    material.youngs_modulus_gpa.unwrap_or_default()
+}
+
+/// The material of each phase, with what the load needs of it.
+fn materials_of(
+    phases: &[PhaseSet],
+    materials: &Materials,
+    options: &DeckOptions,
+) -> Result<Vec<Material>, ExportError> {
+    let aggregates = phases.iter().filter_map(|phase| match &phase.role {
+        PhaseRole::Matrix => None,
+        PhaseRole::Aggregate { name } => Some(name.clone()),
+    });
+    let names: Vec<Option<String>> = aggregates.collect();
+    let mut found = phases_with_materials(materials, &names)?;
+    // Without an aggregate there is a phase too many.
+    found.truncate(phases.len());
+    check_materials(&found, options)?;
+    Ok(found.into_iter().map(|phase| *phase.material).collect())
+}
+
+fn phases(measures: &SolidMeasures, materials: impl Iterator<Item = Material>) -> Vec<DeckPhase> {
+    let of = |(phase, material): (&super::solid::PhaseMeasures, Material)| DeckPhase {
+        name: phase.name.clone(),
+        elements: phase.elements,
+        volume_mm3: phase.volume_mm3,
+        youngs_modulus_gpa: modulus(&material),
+        poissons_ratio: material.poissons_ratio.unwrap_or_default(),
+        density_kg_m3: material.density_kg_m3,
+        conductivity_w_m_k: material.conductivity_w_m_k,
+        expansion_1_k: material.expansion_1_k,
+    };
+    measures.phases.iter().zip(materials).map(of).collect()
+}
+
+/// Displacements that neither a condition gives nor a tie.
+fn degrees_of_freedom(
+    conditions: &Conditions,
+    sets: &NodeSets<'_>,
+    nodes: usize,
+) -> Result<u64, ExportError> {
+    let mut is_given = crate::memory::filled(nodes, [false; 3])?;
+    for prescribed in &conditions.prescribed {
+        for node in sets.nodes(prescribed.set) {
+            is_given[*node as usize][prescribed.axis] = true;
+        }
+    }
+    for (face, axis) in &conditions.tied {
+        for node in sets.nodes(face).iter().skip(1) {
+            is_given[*node as usize][*axis] = true;
+        }
+    }
+    Ok(is_given.as_flattened().iter().filter(|given| !**given).count() as u64)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
