@@ -20,8 +20,8 @@ use crate::jobs::request;
 pub(super) struct Options {
     /// The job as JSON, as it would be submitted; `-` reads standard input
     job: PathBuf,
-    /// Exports to estimate beside those that the job names: mesh, voxels, slice, ldpm, certificates, shapes, quality or
-    /// properties, with options, as `voxels:format=raw,cells=200`
+    /// Exports to estimate beside those that the job names: mesh, voxels, slice, deck, ldpm, certificates, shapes,
+    /// quality or properties, with options, as `voxels:format=raw,cells=200`
     #[arg(value_name = "TYPE[:OPTION=VALUE,...]", value_parser = exports::parse)]
     exports: Vec<ExportRequest>,
     /// Most grains of the packing
