@@ -137,7 +137,7 @@ async fn deck(folder: &Path, options: &str) -> String {
     let export = format!("deck:cells=6,{options}");
     let run = packstone(folder, &["run", "mix.json", "--out", "out", "--export", &export]).await;
     assert_eq!(run.code, Some(0), "{run:?}");
-    run.stdout.lines().find(|line| line.ends_with(".zip")).unwrap().to_owned()
+    run.stdout.lines().find(|line| line.rsplit('.').next() == Some("zip")).unwrap().to_owned()
 }
 
 #[tokio::test]

@@ -453,7 +453,7 @@ async fn capabilities_and_metrics_tell_of_models() {
     let (id, _) = packed(&client, 8).await;
     let stone = json!({"youngs_modulus_gpa": 70, "poissons_ratio": 0.2});
     let materials = json!({"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, "aggregate": stone});
-    let materials: String = materials.to_string().bytes().map(|byte| format!("%{byte:02X}")).collect();
+    let materials = crate::properties::urlencode(&materials.to_string());
     let mut seen = 0;
     for export in exports {
         let kind = export["type"].as_str().unwrap();

@@ -94,7 +94,7 @@ async fn the_service_makes_the_same_file_and_names_what_is_missing() {
     let client: Client = server.client();
     let job = client.succeed(&with_materials()).await;
     let path = |job: &Value, query: &str| format!("/v1/jobs/{}/exports/properties?{query}", id_of(job));
-    let file = client.get(&path(&job, "cells=12&kinds=stiffness")).send().await.expect(200).body;
+    let file = client.get(&path(&job, "cells=12&kinds=stiffness")).send().await.expect(200).body.clone();
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
     fs::write(folder.join("mix.json"), with_materials().to_string()).unwrap();
@@ -122,13 +122,13 @@ async fn the_service_makes_the_same_file_and_names_what_is_missing() {
     with_properties["postprocess"]["materials"] = materials(2.8);
     let done = client.succeed(&with_properties).await;
     let options = format!("cells=12&materials={}", urlencode(&materials(2.8).to_string()));
-    let file = client.get(&path(&done, &options)).send().await.expect(200).body;
+    let file = client.get(&path(&done, &options)).send().await.expect(200).body.clone();
     let file: Value = serde_json::from_slice(&file).unwrap();
     assert!(number(&file["stiffness"]["isotropic"]["youngs_modulus_gpa"]) > 25.0, "{file:#}");
     server.stop().await;
 }
 
 /// Text as a value in a query.
-fn urlencode(text: &str) -> String {
-    text.bytes().map(|byte| format!("%{byte:02X}")).collect()
+pub(crate) fn urlencode(text: &str) -> String {
+    text.bytes().map(|byte| format!("%{byte:02X}")).collect::<Vec<_>>().concat()
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 28] = [
+const LAYERS: [&str; 29] = [
     "arrays",
     "cpu",
     "elementary",

@@ -20,6 +20,7 @@ impl ExportReport {
             Self::Mesh(_) => ExportType::Mesh,
             Self::Voxels(_) => ExportType::Voxels,
             Self::Slice(_) => ExportType::Slice,
+            Self::Deck(_) => ExportType::Deck,
             Self::Ldpm(_) => ExportType::Ldpm,
             Self::Certificates(_) => ExportType::Certificates,
             Self::Shapes(_) => ExportType::Shapes,
@@ -40,6 +41,7 @@ impl ExportRequest {
             Self::Properties(_) => true,
             Self::Mesh(_)
             | Self::Slice(_)
+            | Self::Deck(_)
             | Self::Ldpm(_)
             | Self::Certificates(_)
             | Self::Shapes(_)
@@ -77,6 +79,7 @@ impl ExportRequest {
             // Made by the server itself.
             Self::Mesh(_)
             | Self::Slice(_)
+            | Self::Deck(_)
             | Self::Ldpm(_)
             | Self::Certificates(_)
             | Self::Shapes(_)

@@ -10,8 +10,7 @@ impl ExportRequest {
     fn needs_materials(&self) -> bool {
         match self {
             Self::Voxels(options) => options.needs_materials(),
-            Self::Properties(_) => true,
-            Self::Deck(_) => true,
+            Self::Properties(_) | Self::Deck(_) => true,
             _ => false,
         }
     }

@@ -192,7 +192,7 @@ impl Deck {
             for entry in fs::read_dir(&self.deck).map_err(cannot)? {
                 let entry = entry.map_err(cannot)?;
                 let Ok(name) = entry.file_name().into_string() else { continue };
-                if name == "deck.json" || name == "README.txt" || name.ends_with(".inp") {
+                if name == "deck.json" || name == "README.txt" || name.rsplit('.').next() == Some("inp") {
                     texts.push((name, fs::read(entry.path()).map_err(cannot)?));
                 }
             }
@@ -299,7 +299,9 @@ impl Solved {
             lines.push(("Imbalance of the reactions".into(), format!("{:.1e}", solution.imbalance)));
         }
         let width = lines.iter().map(|(name, _)| name.len()).max().unwrap_or_default();
-        let text: String = lines.iter().map(|(name, value)| format!("{name:width$}  {value}\n")).collect();
+        let lines: Vec<String> =
+            lines.iter().map(|(name, value)| format!("{name:width$}  {value}\n")).collect();
+        let text = lines.concat();
         print(&text)?;
         print_files(&self.files)
     }

@@ -19,7 +19,7 @@ const OF_MODULE: &str =
 /// Interpreters whose module is looked for.
 const INTERPRETERS: [&str; 2] = ["python3", "python"];
 /// Limits of the question for the version.
-const OF_VERSION: Limits = Limits { time: Duration::from_secs(60), memory_bytes: 2 << 30 };
+const OF_VERSION: Limits = Limits { time: Duration::from_mins(1), memory_bytes: 2 << 30 };
 /// How to get Gmsh.
 const ADVICE: &str = "install it (Debian and Ubuntu: apt install gmsh; Python: pip install gmsh; else https://gmsh.info), \
      or name it by --gmsh FILE or the variable PACKSTONE_GMSH; without it, format=geo and format=msh have the surfaces";

@@ -136,11 +136,11 @@ impl TetrahedronMesher for Installed {
 
     fn fill(
         &self,
-        input: MesherInput<'_>,
+        mut input: MesherInput<'_>,
         control: &dyn Control,
     ) -> Result<Box<dyn FilledSurfaces>, ExportError> {
         let (program, _) = Self::found()?;
-        fill(&program, &options().limits(), input, control)
+        fill(&program, &options().limits(), &mut input, control)
     }
 }
 
@@ -148,7 +148,7 @@ impl TetrahedronMesher for Installed {
 fn fill(
     program: &Program,
     limits: &Limits,
-    input: MesherInput<'_>,
+    input: &mut MesherInput<'_>,
     control: &dyn Control,
 ) -> Result<Box<dyn FilledSurfaces>, ExportError> {
     let folder = Folder::new()?;

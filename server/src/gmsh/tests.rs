@@ -23,8 +23,8 @@ const ROOMY: Limits = Limits { time: Duration::from_secs(100), memory_bytes: 1 <
 
 fn filled(program: &Program, limits: &Limits, control: &dyn Control) -> Result<String, ExportError> {
     let mut surfaces = |out: &mut dyn std::io::Write| Ok(out.write_all(b"of grains")?);
-    let input = MesherInput { surfaces: &mut surfaces, script: "Merge;", sizes: Some(b"12"), also: None };
-    let made = fill(program, limits, input, control)?;
+    let mut input = MesherInput { surfaces: &mut surfaces, script: "Merge;", sizes: Some(b"12"), also: None };
+    let made = fill(program, limits, &mut input, control)?;
     let mut text = String::new();
     made.open("msh")?.read_to_string(&mut text)?;
     Ok(text)

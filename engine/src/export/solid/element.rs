@@ -117,7 +117,9 @@ fn of_curved_tetrahedron(points: &[Vector3<f64>]) -> (f64, f64) {
     }
     for ends in EDGES {
         let mut middle = [0.0; 4];
-        ends.into_iter().for_each(|end| middle[end] = 0.5);
+        for end in ends {
+            middle[end] = 0.5;
+        }
         least = least.min(determinant_of_tetrahedron(points, middle));
     }
     (volume, least / (6.0 * volume.abs()).max(f64::MIN_POSITIVE))
@@ -154,8 +156,8 @@ fn determinant_of_hexahedron(points: &[Vector3<f64>], at: [f64; 3]) -> f64 {
     let mut jacobian = Matrix3::zeros();
     for (point, signs) in points.iter().zip(CORNERS) {
         let factor = |axis: usize| 1.0 + signs[axis] * at[axis];
-        for axis in 0..3 {
-            let derivative = signs[axis] * factor((axis + 1) % 3) * factor((axis + 2) % 3) / 8.0;
+        for (axis, sign) in signs.iter().enumerate() {
+            let derivative = sign * factor((axis + 1) % 3) * factor((axis + 2) % 3) / 8.0;
             jacobian.set_column(axis, &(jacobian.column(axis) + derivative * point));
         }
     }

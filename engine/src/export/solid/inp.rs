@@ -64,7 +64,7 @@ impl File<'_> {
     fn nodes(&mut self, control: &dyn Control) -> Result<(), ExportError> {
         self.text.extend_from_slice(b"*NODE\n");
         for (number, point) in (1..).zip(&self.mesh.nodes_mm) {
-            if number as usize % ELEMENTS_PER_LOOK == 0 {
+            if (number as usize).is_multiple_of(ELEMENTS_PER_LOOK) {
                 go_on(control)?;
             }
             push_whole(&mut self.text, number);
@@ -133,18 +133,16 @@ impl File<'_> {
     }
 
     fn numbers(&mut self, numbers: impl Iterator<Item = u64>) -> io::Result<()> {
-        let mut on_line = 0;
-        for number in numbers {
-            match on_line {
+        for (place, number) in numbers.enumerate() {
+            match place {
                 0 => {}
-                n if n % PER_LINE == 0 => {
+                place if place.is_multiple_of(PER_LINE) => {
                     self.text.push(b'\n');
                     self.flush_block()?;
                 }
                 _ => self.text.push(b','),
             }
             push_whole(&mut self.text, number);
-            on_line += 1;
         }
         self.text.push(b'\n');
         Ok(())

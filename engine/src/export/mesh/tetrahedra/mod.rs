@@ -207,15 +207,11 @@ pub(super) fn estimated(
     options: &TetrahedronOptions,
     format: &str,
 ) -> estimate::MeshEstimate {
-    let elements = match options.target_elements {
-        Some(target) => target,
-        None => {
-            let by_size = options
-                .tet_size_matrix_mm
-                .map_or(0.0, |size| PER_CUBE * specimen.volume_mm3() / size.powi(3));
-            (PER_TRIANGLE * triangles as f64).max(by_size) as u64
-        }
-    };
+    let elements = options.target_elements.unwrap_or_else(|| {
+        let by_size =
+            options.tet_size_matrix_mm.map_or(0.0, |size| PER_CUBE * specimen.volume_mm3() / size.powi(3));
+        (PER_TRIANGLE * triangles as f64).max(by_size) as u64
+    });
     let per_tetrahedron = NODES_PER_TETRAHEDRON[usize::from(options.order == 2)];
     let nodes = ((per_tetrahedron * elements as f64) as u64).max(4);
     let kind = if options.order == 2 { ElementKind::Tetrahedron10 } else { ElementKind::Tetrahedron4 };

@@ -109,7 +109,6 @@ impl MeshOptions {
         let given = ["segments", "size_mm", "max_segments"].map(|name| object.has(name));
         let tetrahedra = TetrahedronOptions::read(object, given, elements);
         let mut surfaces = SurfaceOptions::read(object)?;
-        let tetrahedra = tetrahedra?;
         if tetrahedra.as_ref().is_some_and(|options| options.target_elements.is_some()) {
             // The aim decides them.
             (surfaces.segments, surfaces.max_segments) = (None, None);
@@ -122,13 +121,16 @@ impl TetrahedronOptions {
     /// Names of the options beside `elements`.
     const NAMES: [&str; 5] = ["order", "tet_size_mm", "tet_size_matrix_mm", "target_elements", "tet_growth"];
 
-    /// Reads the options; without tetrahedra there are none, and each that is given is a fault.
-    fn read(object: &mut Object<'_>, given: [bool; 3], has_tetrahedra: bool) -> Option<Option<Self>> {
+    /// Reads the options; without tetrahedra there are none, and each that is given is a fault. None where faults were
+    /// reported, too.
+    fn read(object: &mut Object<'_>, given: [bool; 3], has_tetrahedra: bool) -> Option<Self> {
         if !has_tetrahedra {
             let fault =
                 |at: At<'_>| at.fault("goes with elements=tetrahedra: give that too, or leave it out");
-            let stray = Self::NAMES.map(|name| object.optional(name).map(fault).is_some());
-            return (!stray.contains(&true)).then_some(None);
+            for at in Self::NAMES.into_iter().filter_map(|name| object.optional(name)) {
+                fault(at);
+            }
+            return None;
         }
         let order = object.optional("order").map_or(Some(1), |at| at.integer(1, 2).map(|order| order as u32));
         let length = |object: &mut Object<'_>, name| match object.optional(name) {
@@ -166,7 +168,7 @@ impl TetrahedronOptions {
                 return None;
             }
         }
-        Some(Some(read))
+        Some(read)
     }
 
     /// The options of the surfaces that these tetrahedra need.

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 
 use crate::arrays::Each as _;
 use crate::control::Control;
+use crate::elementary::cbrt;
 use crate::export::mesh::surfaces::Mesh;
 use crate::export::{ExportError, go_on};
 use crate::memory::{filled, reserved};
@@ -37,7 +38,7 @@ impl SizeField {
         let triangles = edges(mesh)?;
         let mean = triangles.iter().map(|(_, edge)| edge).sum::<f64>() / triangles.len().max(1) as f64;
         let [x, y, z] = bounds_mm;
-        let step_mm = (mean / PER_EDGE).max((x * y * z / MOST_VALUES).cbrt());
+        let step_mm = (mean / PER_EDGE).max(cbrt(x * y * z / MOST_VALUES));
         let shape = bounds_mm.each(|length| (length / step_mm).ceil() as usize + 1);
         let mut field = Self { step_mm, shape, values_mm: filled(shape.iter().product(), most_mm)? };
         for (center, edge) in triangles {
@@ -122,7 +123,9 @@ fn edges(mesh: &Mesh) -> Result<Vec<(Vector3<f64>, f64)>, ExportError> {
     shell.triangles.iter().for_each(|corners| add(&shell.points, corners));
     for row in 0..mesh.grains() {
         let (points, triangles) = mesh.grain(row);
-        triangles.iter().for_each(|corners| add(points, corners));
+        for corners in triangles {
+            add(points, corners);
+        }
     }
     Ok(found)
 }

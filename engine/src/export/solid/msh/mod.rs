@@ -85,7 +85,7 @@ pub fn read(input: impl Read, control: &dyn Control) -> Result<SolidMesh, MshErr
         let Some(section) = line.strip_prefix('$') else {
             return Err(source.fault(format!("{line:?} stands between two sections")));
         };
-        source.section = section.to_owned();
+        section.clone_into(&mut source.section);
         match section {
             "PhysicalNames" => physical_names(&mut source, &mut contents)?,
             "Entities" => entities(&mut source, &mut contents)?,
@@ -131,7 +131,7 @@ fn physical_names<R: Read>(source: &mut Source<R>, contents: &mut Contents) -> R
         let name = parts.next().and_then(|name| name.trim().strip_prefix('"')?.strip_suffix('"'));
         match (dimension.and_then(|d| u8::try_from(d).ok()), tag, name) {
             (Some(dimension), Some(tag), Some(name)) => {
-                contents.names.push((dimension, tag, name.to_owned()))
+                contents.names.push((dimension, tag, name.to_owned()));
             }
             _ => return Err(source.fault(format!("{line:?} is no name of a group"))),
         }
