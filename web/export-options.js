@@ -41,19 +41,10 @@ const OPTIONS = {
   solver: { label: "Solver", choices: ["calculix", "abaqus"] },
   load: {
     label: "Load",
-    choices: [
-      "uniaxial_z",
-      "uniaxial_x",
-      "uniaxial_y",
-      "shear_xy",
-      "shear_xz",
-      "shear_yz",
-      "temperature",
-    ],
+    choices: ["uniaxial_z", "uniaxial_x", "uniaxial_y", "shear_xy", "shear_xz", "shear_yz", "temperature"],
   },
   strain: { label: "Strain or shear angle", hint: "1e-4 when empty; none for temperature" },
   temperature_change_k: { label: "Rise of the temperature", unit: "K", hint: "for temperature; 1 when empty" },
-  elements: { label: "Elements", choices: ["voxels"] },
   axis: { label: "Axis", choices: ["z", "x", "y"] },
   at_mm: { label: "Position", unit: "mm", hint: "the middle when empty" },
   pixels: { label: "Pixels along the longer edge", hint: "for png; 1000 when empty" },
@@ -80,7 +71,6 @@ export const TYPES = {
   shapes: "Shapes of the grains",
   quality: "Quality: is the packing random",
   properties: "Stiffness, expansion and conductivity",
-  deck: "Model for a solver",
 };
 
 /** What a format is for. @type {Record<string, string>} */

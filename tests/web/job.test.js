@@ -265,4 +265,22 @@ describe("page of a job", inBrowser, () => {
     opened.clean();
     await opened.close();
   });
+
+  test("the page computes the stiffness, and makes a model for CalculiX", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const { page, clean, accessible, close } = await open(job);
+    await page.fill("#material-matrix-0", "20");
+    await page.click("text=Stiffness >> visible=true");
+    const young = await page.textContent('[data-of=stiffness] div:has(dt:text-is("Young\'s modulus")) dd');
+    const value = Number((young ?? "").split("\u202f")[0]);
+    assert.ok(value > 20 && value < 70, young ?? "");
+    await accessible();
+    await page.click("button:has-text('Model for CalculiX')");
+    const [model] = await Promise.all([page.waitForEvent("download"), page.click("text=Download the model")]);
+    assert.match(model.suggestedFilename(), /deck.*\.zip$/);
+    await page.reload();
+    await page.waitForSelector("[data-of=stiffness]");
+    clean();
+    await close();
+  });
 });

@@ -8,8 +8,8 @@
 //! and the stress is `<C> : e - <b> 1 + f (1 - f) (C_2 - C_1) : (n (x) a)`. Without a normal the jump is 0 (Voigt).
 //!
 //! At the surface of a pore the laminate rule would make a voxel far too soft, as it could bear no force across the
-//! surface whatever its share of solid. Such a voxel has the mean stiffness (Voigt), or none where its solid is less than
-//! a tenth.
+//! surface whatever its share of solid. Such a voxel has the mean stiffness (Voigt), or none where its solid is less
+//! than a tenth.
 
 use super::real::{Real, Table};
 use super::voxels::{CutVoxel, VoxelRow};

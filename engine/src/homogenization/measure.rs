@@ -1,8 +1,8 @@
 //! Mean fluxes and energies of all load cases, in double precision.
 //!
-//! `C_ij = <e_i : C : e_j>` of the strains of two load cases misses the true value by the product of their errors, while
-//! the mean stress misses it by the error itself. Strains come from displacements of single precision, whose differences
-//! are computed in double precision.
+//! `C_ij = <e_i : C : e_j>` of the strains of two load cases misses the true value by the product of their errors,
+//! while the mean stress misses it by the error itself. Strains come from displacements of single precision, whose
+//! differences are computed in double precision.
 
 use std::num::NonZeroUsize;
 

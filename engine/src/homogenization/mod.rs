@@ -92,7 +92,8 @@ pub struct Effort {
     pub energy_against_work: f64,
 }
 
-/// Effective elastic properties; components are in the order xx, yy, zz, yz, xz, xy, shears those of engineering strains.
+/// Effective elastic properties; components are in the order xx, yy, zz, yz, xz, xy, shears those of engineering
+/// strains.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Elasticity {
     /// Stiffness in GPa.

@@ -7,9 +7,9 @@
 //! in one buffer.
 //!
 //! The error of a property is the energy of the error of the displacements, `|u - u_k|_A^2`. It is at most
-//! `r . G r / c`, where `c` is the least stiffness over that of the reference medium. Where this bound is too far off, and
-//! where there are pores, it is estimated from the decrease of the energy, `a_k r_k . G r_k` in iteration `k` (Strakos
-//! and Tichy 2002, On error estimation in the conjugate gradient method and why it works in finite precision
+//! `r . G r / c`, where `c` is the least stiffness over that of the reference medium. Where this bound is too far off,
+//! and where there are pores, it is estimated from the decrease of the energy, `a_k r_k . G r_k` in iteration `k`
+//! (Strakos and Tichy 2002, On error estimation in the conjugate gradient method and why it works in finite precision
 //! computations, ETNA 13), which is extrapolated as a geometric series.
 //!
 //! Sums are added up plane by plane, so that bits depend neither on the threads nor on what each of them does.
@@ -151,8 +151,8 @@ impl<'a, M: Material<D>, const D: usize> Solver<'a, M, D> {
         Ok(Self { problem, fields })
     }
 
-    /// Improves displacements, which are 0 at first, until they reach the goal. After each iteration `on_iteration` is called with the
-    /// estimated error over that of the goal.
+    /// Improves displacements, which are 0 at first, until they reach the goal. After each iteration `on_iteration` is
+    /// called with the estimated error over that of the goal.
     ///
     /// # Errors
     /// [`HomogenizationError::NotConverged`], and what `on_iteration` returns.

@@ -4,8 +4,9 @@
 //! integrals of `h_a(r) = r^2 asin(a / r) + a sqrt(r^2 - a^2)` with `r^2 = R^2 - z^2`, where `h_a = ± pi r^2 / 2` for
 //! `r < |a|`. Their antiderivative is symmetric in `a` and `z`:
 //! `J(a, z) = P(z) asin(a / sqrt(R^2 - z^2)) + P(a) asin(z / sqrt(R^2 - a^2)) + 2/3 a z w - 2/3 R^3 atan(a z / (R w))`
-//! with `P(z) = R^2 z - z^3 / 3` and `w^2 = R^2 - a^2 - z^2`. A voxel is the difference of four such volumes. `J` belongs
-//! to planes of the grid, not to voxels; only where a vertical edge of a voxel meets the surface are others needed.
+//! with `P(z) = R^2 z - z^3 / 3` and `w^2 = R^2 - a^2 - z^2`. A voxel is the difference of four such volumes. `J`
+//! belongs to planes of the grid, not to voxels; only where a vertical edge of a voxel meets the surface are others
+//! needed.
 
 use std::f64::consts::FRAC_PI_2;
 

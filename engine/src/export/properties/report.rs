@@ -34,8 +34,8 @@ pub struct PropertyCell {
     pub voxel_mm: [f64; 3],
     /// Voxels of two phases over all.
     pub cut_share: f64,
-    /// Voxels in which a surface meets another: of more than two bodies, the matrix among them. They have the two phases
-    /// of the largest shares.
+    /// Voxels in which a surface meets another: of more than two bodies, the matrix among them. They have the two
+    /// phases of the largest shares.
     pub voxels_of_three_bodies: u64,
 }
 
