@@ -396,15 +396,15 @@ async fn what_finds_no_memory_is_requeued_and_the_service_goes_on() {
 #[tokio::test]
 async fn a_command_that_finds_no_memory_ends_with_its_code() {
     let folder = tempfile::tempdir().unwrap();
-    let job = jobs::with(jobs::equal_spheres(102_000, 1), "/mix/volume_fraction", json!(0.30));
-    let edge_mm = libm::cbrt(102_000.0 * std::f64::consts::PI / 6.0 / 0.30);
+    let job = jobs::with(jobs::equal_spheres(160_000, 1), "/mix/volume_fraction", json!(0.30));
+    let edge_mm = libm::cbrt(160_000.0 * std::f64::consts::PI / 6.0 / 0.30);
     let job = jobs::with(job, "/specimen/size_mm", json!([edge_mm, edge_mm, edge_mm]));
     let job = jobs::with(job, "/method", json!({"type": "edmd", "stop": {"events": 1}}));
     fs::write(folder.path().join("job.json"), job.to_string()).unwrap();
     let mut codes = Vec::new();
     // From a limit that the plan refuses to one that suffices, and further: a second thread sets memory aside where it
     // can, and may leave little. Wherever memory ends, no signal ends the process, and nothing waits for ever.
-    for mib in (50..=120).step_by(14).chain((165..=185).step_by(7)) {
+    for mib in (66..=126).step_by(12).chain((150..=190).step_by(10)) {
         let mut command = Command::new("sh");
         let script =
             format!("ulimit -v {}; exec {} run job.json", mib << 10, env!("CARGO_BIN_EXE_packstone"));

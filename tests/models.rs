@@ -178,7 +178,7 @@ async fn what_cannot_be_had_is_refused_with_name_value_and_bound() {
     client.post(&voxels("")).json(&body).send().await.expect_problem(415, "unsupported-media-type");
     let of_job = format!("/v1/jobs/{id}/exports");
     let unknown = client.get(&format!("{of_job}/ball")).send().await.expect_problem(404, "not-found");
-    assert!(unknown["detail"].as_str().unwrap().contains("mesh, voxels, slice, ldpm"), "{unknown:#}");
+    assert!(unknown["detail"].as_str().unwrap().contains("mesh, voxels, slice, deck, ldpm"), "{unknown:#}");
     // Nobody has asked for it: it has no state, and nothing can be deleted.
     client.get(&format!("{of_job}/slice/status")).send().await.expect_problem(404, "not-found");
     client.delete(&format!("{of_job}/slice")).send().await.expect_problem(404, "not-found");
@@ -471,7 +471,7 @@ async fn capabilities_and_metrics_tell_of_models() {
             let fast = match kind {
                 "voxels" => "&cells=8".to_owned(),
                 // What needs materials.
-                "properties" => format!("&cells=8&materials={materials}"),
+                "properties" | "deck" => format!("&cells=8&materials={materials}"),
                 _ => String::new(),
             };
             let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}{fast}");
@@ -479,7 +479,7 @@ async fn capabilities_and_metrics_tell_of_models() {
             assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
         }
     }
-    assert_eq!(seen, 24);
+    assert_eq!(seen, 25);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
     let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 4";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");

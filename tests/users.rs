@@ -97,7 +97,7 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
         if for_workers || template.starts_with("/v1/workers") {
             // For workers or administrators alone, whoever the owner of the job is.
             let role = if for_workers { "`worker`" } else { "`admin`" };
-            let target = template.replace("{job}", id_of(&job)).replace("{attempt}", "1");
+            let target = template.replace("{task}", id_of(&job)).replace("{attempt}", "1");
             for client in [&anna, &bert, &carl, &gauge] {
                 let problem = send(client, method, &target).send().await.expect_problem(403, "forbidden");
                 assert!(detail(&problem).contains(role), "{problem}");
@@ -162,7 +162,7 @@ async fn every_route_refuses_a_foreign_id_and_a_key_without_the_right() {
             asked += 1;
         }
     }
-    assert!(named > 20 && changing > 8 && service == 9 && asked > 3, "{named} {changing} {service} {asked}");
+    assert!(named > 20 && changing > 8 && service == 11 && asked > 3, "{named} {changing} {service} {asked}");
     let after = anna.job(id_of(&job)).await;
     assert_eq!(
         (after["state"].clone(), after["labels"].clone()),

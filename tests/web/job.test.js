@@ -270,7 +270,7 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack(SMALL);
     const { page, clean, accessible, close } = await open(job);
     await page.fill("#material-matrix-0", "20");
-    await page.click("text=Stiffness >> visible=true");
+    await page.click("button:text-is('Stiffness')");
     const young = await page.textContent('[data-of=stiffness] div:has(dt:text-is("Young\'s modulus")) dd');
     const value = Number((young ?? "").split("\u202f")[0]);
     assert.ok(value > 20 && value < 70, young ?? "");
