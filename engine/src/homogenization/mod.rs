@@ -1,8 +1,8 @@
 //! Effective properties of a periodic cell of voxels: stiffness, thermal expansion, conductivity.
 //!
 //! A mean strain is applied to the cell, and the displacements are solved for that leave all stresses in balance
-//! ([`solve`]). The strains of the voxels are those of a [`stencil`], their stresses follow from the phases
-//! ([`material`]), and the properties from the energies of pairs of load cases ([`measure`]): `C_ij = <e_i : C : e_j>`.
+//! (`solve`). The strains of the voxels are those of a `stencil`, their stresses follow from the phases
+//! (`material`), and the properties from the energies of pairs of load cases (`measure`): `C_ij = <e_i : C : e_j>`.
 //! Moulinec and Suquet (1998, 10.1016/S0045-7825(97)00218-1) began the method; `docs/properties.md` has the
 //! mathematics.
 //!
