@@ -261,7 +261,7 @@ def test_a_run_is_ended_with_what_it_has_reached(client: packstone.Client) -> No
     assert job.succeeded and job.partial is not None and job.partial["reason"] == "finished"
     assert "finished" in job._repr_html_()
     packing = job.result()
-    assert packing.partial == job.partial
+    assert packing.partial is not None and packing.partial == job.partial
     reached = (np.pi / 6 * packing.diameters**3).sum() / 14.4**3
     assert packing.partial["volume_fraction_reached"] == pytest.approx(reached) and reached < 0.7
     assert job.finish().finished, "asked once more it is the same"

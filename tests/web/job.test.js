@@ -156,9 +156,7 @@ describe("page of a job", inBrowser, () => {
     assert.deepEqual((await jobOf(job.id)).exports, []);
     await page.selectOption("#export-kind", "mesh msh");
     await page.fill("#option-segments", "3");
-    await page.waitForFunction(() =>
-      /6/.test(document.querySelector("#exports-title ~ form .fault")?.textContent ?? ""),
-    );
+    await page.waitForFunction(() => /6/.test(document.querySelector("#option-segments-fault")?.textContent ?? ""));
     await opened.close();
   });
 
