@@ -1,7 +1,7 @@
 //! Effective properties of a packing: stiffness, thermal expansion, conductivity, diffusivity, with their bounds.
 //!
 //! The packing becomes voxels (`voxelize`) whose phases have the materials of the request, and these a periodic cell
-//! that `homogenization`(crate::homogenization) solves. Half as many voxels along each edge are solved as well: the
+//! that the module `homogenization` solves. Half as many voxels along each edge are solved as well: the
 //! difference is the error that the voxels make. `docs/properties.md` has the mathematics.
 
 mod ball;
