@@ -160,7 +160,7 @@ async fn a_solver_that_is_missing_or_fails_is_named() {
             "CalculiX failed (exit code 201):\n  *ERROR reading *MATERIAL: no name is given\n",
         ),
         ("exit 0", 9, "it ended without an answer"),
-        ("kill -9 $$", 9, "it was killed, as the system does where memory is short"),
+        ("kill -9 $$", 9, "it was killed (signal 9), as the system does where memory is short"),
         ("echo ' Job finished'", 3, "model.dat cannot be read"),
         ("echo ' Job finished'; echo > model.dat; echo > model.frd", 9, "model.dat has no displacements"),
     ] {

@@ -217,7 +217,7 @@ async fn a_service_tells_why_it_has_no_tetrahedra() {
     let id = id_of(&client.succeed(&job()).await).to_owned();
     let path = format!("/v1/jobs/{id}/exports/mesh?format=inp&segments=8");
     let problem = client.get(&path).send().await.expect_problem(409, "export-failed");
-    assert!(problem.to_string().contains("Gmsh failed with exit code 1"), "{problem:#}");
+    assert!(problem.to_string().contains("Gmsh failed (exit code 1)"), "{problem:#}");
     assert!(problem.to_string().contains("volume 7 cannot be filled"), "{problem:#}");
     let left = data_dir.artifacts();
     assert!(left.iter().all(|file| file.to_string_lossy().ends_with(".packstone")), "{left:?}");

@@ -15,7 +15,10 @@ export function counts(study) {
   return words.join(", ");
 }
 
-/** Whether a study that has so many failed jobs has one that can succeed in a second run. @type {Map<string, Promise<boolean>>} */
+/**
+ * The answers of `canSucceedAgain`, by the study and its number of failed jobs.
+ * @type {Map<string, Promise<boolean>>}
+ */
 const known = new Map();
 
 /**

@@ -92,8 +92,8 @@ class Job(Resource):
     def export(
         self, type: ExportType, /, *, format: ExportFormat | None = None, keep: bool = True, **options: Any
     ) -> Export:
-        """Starts an export: ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``, ``quality``
-        or ``properties``.
+        """Starts an export: ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``,
+        ``quality`` or ``properties``.
 
         :meth:`Export.save` waits for its file. The same type, format and options are the same export, which is made
         once. With `keep` the file stays with the job; without, it is a cache that the server may remove.

@@ -39,6 +39,7 @@ mod places;
 mod planning;
 mod plots;
 mod problem;
+mod programs;
 mod remaining_time;
 mod service;
 mod storage;

@@ -173,6 +173,21 @@ pub enum ExportReport {
 }
 
 impl ExportReport {
+    /// The type of export that it is of.
+    pub fn export_type(&self) -> ExportType {
+        match self {
+            Self::Mesh(_) => ExportType::Mesh,
+            Self::Voxels(_) => ExportType::Voxels,
+            Self::Slice(_) => ExportType::Slice,
+            Self::Deck(_) => ExportType::Deck,
+            Self::Ldpm(_) => ExportType::Ldpm,
+            Self::Certificates(_) => ExportType::Certificates,
+            Self::Shapes(_) => ExportType::Shapes,
+            Self::Quality(_) => ExportType::Quality,
+            Self::Properties(_) => ExportType::Properties,
+        }
+    }
+
     /// What is missing of the export, in words.
     pub fn warnings(&self) -> &[String] {
         match self {

@@ -66,7 +66,7 @@ impl ExportRequest {
         let phases = phases(materials, &names)?;
         match self {
             Self::Voxels(_) => moduli_gpa(&phases).map(|_| ()),
-            Self::Properties(options) => properties::judge(&phases, options),
+            Self::Properties(options) => properties::check_materials(&phases, options),
             Self::Deck(options) => deck::check_materials(&phases, options),
             _ => Ok(()),
         }

@@ -9,7 +9,6 @@ pub mod certificates;
 pub mod deck;
 mod digits;
 mod groups;
-mod judge;
 pub mod ldpm;
 mod materials;
 pub mod mesh;
@@ -19,6 +18,7 @@ mod pieces;
 pub mod properties;
 mod provenance;
 pub mod quality;
+mod report_check;
 mod rows;
 #[cfg(feature = "openapi")]
 mod schema;

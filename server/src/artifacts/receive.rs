@@ -158,8 +158,8 @@ impl Artifacts {
     }
 
     /// Writes an export from its pieces, and makes sure that it is the file that its sender says: a report of so many
-    /// bytes, and what follows it. `judge` gets the report and the length of the file. Nothing is left behind where it
-    /// refuses them.
+    /// bytes, and what follows it. `check_report` gets the report and the length of the file. Nothing is left behind
+    /// where it refuses them.
     ///
     /// # Errors
     /// See [`ReceiveError`].
@@ -168,7 +168,7 @@ impl Artifacts {
         place: &InFlight,
         expected: &ExpectedExport,
         mut next: impl FnMut() -> Option<Result<Bytes, ReceiveError>>,
-        judge: impl FnOnce(&ExportReport, u64) -> Result<(), ReceiveError>,
+        check_report: impl FnOnce(&ExportReport, u64) -> Result<(), ReceiveError>,
     ) -> Result<(StoredFile, ExportReport), ReceiveError> {
         let head = RefCell::new(Vec::new());
         let write = |out: &mut dyn io::Write| {
@@ -181,7 +181,7 @@ impl Artifacts {
             }
             Ok(())
         };
-        let mut judged = None;
+        let mut checked = None;
         let check = |file: &File, sha256: &str, _: &Arc<BlockSums>| {
             if sha256 != expected.sha256 {
                 let text = format!("the file has the sha256 {sha256}: must be {}", expected.sha256);
@@ -189,12 +189,12 @@ impl Artifacts {
             }
             let report = serde_json::from_slice::<ExportReport>(&head.borrow())
                 .map_err(|error| ReceiveError::Unexpected(format!("the report is none: {error}")))?;
-            judge(&report, file.metadata()?.len())?;
-            judged = Some(report);
+            check_report(&report, file.metadata()?.len())?;
+            checked = Some(report);
             Ok(())
         };
         let ((), bytes, sha256) = self.write_whole(place, expected.most_bytes, &Unattended, write, check)?;
-        let report = judged.ok_or(ReceiveError::Broken)?;
+        let report = checked.ok_or(ReceiveError::Broken)?;
         Ok((StoredFile { path: place.path.clone(), bytes, sha256 }, report))
     }
 }

@@ -23,7 +23,7 @@ use super::{print, print_files};
 use crate::atomic_file::write_buffered;
 use crate::config::{cores, seconds_or_none};
 use crate::local::calculix::{self, CalculixError};
-use crate::local::program::ProgramLimits;
+use crate::programs::ProgramLimits;
 use crate::telemetry::say;
 
 /// What is computed, as JSON.
@@ -313,6 +313,7 @@ fn failure(error: &CalculixError) -> Failure {
         CalculixError::NotStarted(error) => Exit::of_io(error),
         CalculixError::Stopped => Exit::Interrupted,
         CalculixError::TimedOut(_) => Exit::TargetNotReached,
+        CalculixError::OutOfMemory(_) => Exit::Machine,
     };
     exit.because(error)
 }

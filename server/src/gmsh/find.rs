@@ -1,8 +1,5 @@
 //! Finds Gmsh on this machine, and asks it for its version.
 
-use std::env;
-use std::ffi::OsStr;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -11,7 +8,8 @@ use packstone_engine::Unattended;
 use packstone_engine::export::ExportError;
 
 use super::folder::Folder;
-use super::run::{self, Limits};
+use super::run;
+use crate::programs::{ProgramLimits, on_path};
 
 /// What starts the library of the Python package `gmsh` as the program.
 const OF_MODULE: &str =
@@ -19,7 +17,8 @@ const OF_MODULE: &str =
 /// Interpreters whose module is looked for.
 const INTERPRETERS: [&str; 2] = ["python3", "python"];
 /// Limits of the question for the version.
-const OF_VERSION: Limits = Limits { time: Duration::from_mins(1), memory_bytes: 2 << 30 };
+const OF_VERSION: ProgramLimits =
+    ProgramLimits { time: Some(Duration::from_mins(1)), memory_bytes: Some(2 << 30) };
 /// How to get Gmsh.
 const ADVICE: &str = "install it (Debian and Ubuntu: apt install gmsh; Python: pip install gmsh; else https://gmsh.info), \
      or name it by --gmsh FILE or the variable PACKSTONE_GMSH; without it, format=geo and format=msh have the surfaces";
@@ -49,7 +48,7 @@ impl Program {
     /// Its version, as `4.15.2`.
     fn version(&self) -> Result<String, ExportError> {
         let folder = Folder::new()?;
-        let lines = run::run(self, &["--version"], &folder, &OF_VERSION, &Unattended)?;
+        let lines = run::run(self, &["--version"], &folder, OF_VERSION, &Unattended)?;
         let is_version = |word: &&str| {
             let starts = word.starts_with(|c: char| c.is_ascii_digit());
             starts
@@ -79,10 +78,10 @@ pub(super) fn find(named: Option<&Path>, own: Option<&Path>) -> Result<(Program,
             ))),
         };
     }
-    let path = env::var_os("PATH").unwrap_or_default();
     let mut faults = Vec::new();
-    let files = on_path(&path, "gmsh").map(Program::File);
-    let modules = INTERPRETERS.iter().flat_map(|name| on_path(&path, name).take(1)).map(Program::Module);
+    let files = on_path("gmsh".as_ref()).into_iter().map(Program::File);
+    let modules =
+        INTERPRETERS.iter().flat_map(|name| on_path(name.as_ref()).into_iter().take(1)).map(Program::Module);
     let own = own.map(|python| Program::Module(python.to_owned()));
     for program in own.into_iter().chain(files).chain(modules) {
         match (program.version(), &program) {
@@ -96,15 +95,4 @@ pub(super) fn find(named: Option<&Path>, own: Option<&Path>) -> Result<(Program,
     Err(ExportError::Unavailable(format!(
         "tetrahedra are made by Gmsh, and none was found on this machine{faults}: {ADVICE}"
     )))
-}
-
-/// The programs of that name.
-fn on_path<'a>(path: &'a OsStr, name: &'a str) -> impl Iterator<Item = PathBuf> + 'a {
-    let is_program = |file: &PathBuf| {
-        file.metadata().is_ok_and(|found| found.is_file() && found.permissions().mode() & 0o111 != 0)
-    };
-    env::split_paths(path)
-        .filter(|folder| folder.is_absolute())
-        .map(move |folder| folder.join(name))
-        .filter(is_program)
 }

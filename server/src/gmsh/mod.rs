@@ -22,9 +22,9 @@ use packstone_engine::export::mesh::tetrahedra::{FilledSurfaces, MesherInput, SI
 use packstone_engine::export::{ExportError, ExportRequest, TetrahedronMesher};
 
 use crate::memory;
+use crate::programs::ProgramLimits;
 use find::Program;
 use folder::Folder;
-use run::Limits;
 
 /// Seconds of a run of Gmsh.
 const DEFAULT_TIMEOUT_S: f64 = 3600.0;
@@ -88,13 +88,14 @@ fn options() -> &'static GmshOptions {
 }
 
 impl GmshOptions {
-    fn limits(&self) -> Limits {
+    fn limits(&self) -> ProgramLimits {
         let by_default = || {
             memory::total_bytes().map_or(DEFAULT_MEMORY_BYTES, |total| (total as f64 * MEMORY_SHARE) as u64)
         };
-        Limits {
-            time: Duration::from_secs_f64(self.gmsh_timeout_s.unwrap_or(DEFAULT_TIMEOUT_S)),
-            memory_bytes: self.gmsh_memory_mib.map_or_else(by_default, |mib| mib.saturating_mul(1 << 20)),
+        let memory_bytes = self.gmsh_memory_mib.map_or_else(by_default, |mib| mib.saturating_mul(1 << 20));
+        ProgramLimits {
+            time: Some(Duration::from_secs_f64(self.gmsh_timeout_s.unwrap_or(DEFAULT_TIMEOUT_S))),
+            memory_bytes: Some(memory_bytes),
         }
     }
 }
@@ -140,14 +141,14 @@ impl TetrahedronMesher for Installed {
         control: &dyn Control,
     ) -> Result<Box<dyn FilledSurfaces>, ExportError> {
         let (program, _) = Self::found()?;
-        fill(&program, &options().limits(), &mut input, control)
+        fill(&program, options().limits(), &mut input, control)
     }
 }
 
 /// Runs a program on the surfaces.
 fn fill(
     program: &Program,
-    limits: &Limits,
+    limits: ProgramLimits,
     input: &mut MesherInput<'_>,
     control: &dyn Control,
 ) -> Result<Box<dyn FilledSurfaces>, ExportError> {

@@ -1,27 +1,17 @@
-//! A run of Gmsh in a process group of its own: progress by its lines, limits of time and memory, and the cause where
-//! it fails.
+//! A run of Gmsh: progress by its lines, and the cause where it fails.
 
-use std::fs;
-use std::io::{BufRead as _, BufReader, Read};
-use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
-use std::process::{Child, ExitStatus, Stdio};
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::process::ExitStatus;
+use std::time::Instant;
 
 use packstone_engine::export::ExportError;
 use packstone_engine::{Control, Phase, Progress};
-use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::find::Program;
 use super::folder::Folder;
+use crate::programs::{self, ProgramEnd, ProgramLimits};
 
-/// Time between two looks at the process.
-const LOOK: Duration = Duration::from_millis(40);
-/// Time for the last lines of a process that has ended.
-const LAST_LINES: Duration = Duration::from_millis(500);
-/// Longest line that is read, in bytes.
-const MOST_LINE_BYTES: u64 = 1 << 14;
+/// The file in the folder of a run that has what Gmsh prints.
+const LOG: &str = "gmsh.log";
 /// Lines that are kept.
 const MOST_LINES: usize = 1000;
 /// Characters of Gmsh's words in a message.
@@ -39,15 +29,7 @@ const STEPS: [(&str, &str, f64); 6] = [
     ("Writing '", "writing tetrahedra", 0.9),
 ];
 
-/// What a run may take.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
-    pub(super) time: Duration,
-    /// Resident memory of all its processes, where the system tells it.
-    pub(super) memory_bytes: u64,
-}
-
-/// Runs a program in a folder; its lines.
+/// Runs Gmsh in a folder; its lines.
 ///
 /// # Errors
 /// [`ExportError::Mesher`] with the cause, [`ExportError::Stopped`].
@@ -55,7 +37,7 @@ pub(super) fn run(
     program: &Program,
     arguments: &[&str],
     folder: &Folder,
-    limits: &Limits,
+    limits: ProgramLimits,
     control: &dyn Control,
 ) -> Result<Vec<String>, ExportError> {
     let mut command = program.command();
@@ -64,178 +46,102 @@ pub(super) fn run(
         .current_dir(folder.path())
         // The settings of whoever runs it do not count.
         .env("GMSH_HOME", folder.path())
-        .env("TMPDIR", folder.path())
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .process_group(0);
-    let child = command.spawn().map_err(|error| {
-        ExportError::Mesher(format!("Gmsh cannot be started: {}: {error}", command.get_program().display()))
+        .env("TMPDIR", folder.path());
+    let mut output = Output { lines: Vec::new(), step: ("starting Gmsh", 0.0), limits };
+    let (began, mut reported) = (Instant::now(), None);
+    let look = |lines: Vec<String>| {
+        for line in lines {
+            output.take(line);
+        }
+        let now = (began.elapsed().as_secs(), output.step);
+        if reported != Some(now) {
+            reported = Some(now);
+            let (seconds, (step, fraction)) = now;
+            control.report(&Progress {
+                phase: Phase::Export,
+                fraction,
+                done: seconds,
+                total: 0,
+                unit: "s",
+                message: format!("Gmsh: {step} ({seconds} s)"),
+                growth: None,
+            });
+        }
+    };
+    let log = folder.path().join(LOG);
+    let end = programs::run(&mut command, limits, &log, || control.should_stop(), look).map_err(|error| {
+        let file = command.get_program().display();
+        ExportError::Mesher(format!("Gmsh cannot be started: {file}: {error}"))
     })?;
-    let mut process = Process::new(child, *limits);
-    let status = process.attend(control)?;
-    process.judged(status)
+    match end {
+        ProgramEnd::Ended(status) => output.checked(status),
+        ProgramEnd::Stopped => Err(ExportError::Stopped),
+        ProgramEnd::TimedOut => Err(ExportError::Mesher(format!(
+            "Gmsh did not end within {} s (--gmsh-timeout-s) and was stopped while {}; fewer segments, or a larger \
+             tet_size_mm, take less time",
+            limits.time.unwrap_or_default().as_secs_f64(),
+            output.step.0
+        ))),
+        ProgramEnd::OutOfMemory(bytes) => {
+            Err(output.out_of_memory(&format!("it held {} MB", bytes / 1_000_000)))
+        }
+    }
 }
 
-/// A process, which ends with this.
-struct Process {
-    child: Child,
-    limits: Limits,
-    began: Instant,
-    lines: Receiver<String>,
-    /// The lines that were read, without those in the middle of many.
-    kept: Vec<String>,
+/// What Gmsh has printed.
+struct Output {
+    /// Its lines, without those in the middle of many.
+    lines: Vec<String>,
+    /// What it does, and the share of the run that was over when that began.
     step: (&'static str, f64),
+    limits: ProgramLimits,
 }
 
-impl Process {
-    fn new(mut child: Child, limits: Limits) -> Self {
-        let (sender, lines) = mpsc::channel();
-        if let Some(output) = child.stdout.take() {
-            read_lines(output, sender.clone());
-        }
-        if let Some(output) = child.stderr.take() {
-            read_lines(output, sender);
-        }
-        let step = ("starting Gmsh", 0.0);
-        Self { child, limits, began: Instant::now(), lines, kept: Vec::new(), step }
-    }
-
-    /// Waits for the end.
-    fn attend(&mut self, control: &dyn Control) -> Result<ExitStatus, ExportError> {
-        let mut reported = None;
-        loop {
-            match self.lines.recv_timeout(LOOK) {
-                Ok(line) => self.take(line),
-                Err(RecvTimeoutError::Timeout) => {}
-                // It has closed its output and may live on.
-                Err(RecvTimeoutError::Disconnected) => thread::sleep(LOOK),
-            }
-            if let Some(status) = self.child.try_wait()? {
-                let until = Instant::now() + LAST_LINES;
-                while let Ok(line) = self.lines.recv_timeout(until.saturating_duration_since(Instant::now()))
-                {
-                    self.take(line);
-                }
-                return Ok(status);
-            }
-            if control.should_stop() {
-                return Err(ExportError::Stopped);
-            }
-            let seconds = self.began.elapsed().as_secs();
-            if self.began.elapsed() > self.limits.time {
-                return Err(ExportError::Mesher(format!(
-                    "Gmsh did not end within {} s (--gmsh-timeout-s) and was stopped while {}; fewer segments, or a larger \
-                     tet_size_mm, take less time",
-                    self.limits.time.as_secs_f64(),
-                    self.step.0
-                )));
-            }
-            if let Some(bytes) = self.memory_bytes().filter(|bytes| *bytes > self.limits.memory_bytes) {
-                return Err(self.out_of_memory(&format!("it held {} MB", bytes / 1_000_000)));
-            }
-            if reported != Some((seconds, self.step.0)) {
-                reported = Some((seconds, self.step.0));
-                control.report(&Progress {
-                    phase: Phase::Export,
-                    fraction: self.step.1,
-                    done: seconds,
-                    total: 0,
-                    unit: "s",
-                    message: format!("Gmsh: {} ({seconds} s)", self.step.0),
-                    growth: None,
-                });
-            }
-        }
-    }
-
+impl Output {
     fn take(&mut self, line: String) {
+        if line.is_empty() {
+            return;
+        }
         if let Some((_, what, share)) = STEPS.iter().find(|(words, _, _)| line.contains(words))
             && *share >= self.step.1
         {
             self.step = (what, *share);
         }
-        if self.kept.len() >= MOST_LINES {
-            self.kept.remove(MOST_LINES / 2);
+        if self.lines.len() >= MOST_LINES {
+            self.lines.remove(MOST_LINES / 2);
         }
-        self.kept.push(line);
+        self.lines.push(line);
     }
 
-    /// What the end means.
-    fn judged(&mut self, status: ExitStatus) -> Result<Vec<String>, ExportError> {
-        let is_error = |line: &&String| line.trim_start().starts_with("Error");
-        let errors: Vec<&str> = self.kept.iter().filter(is_error).map(|line| words(line)).collect();
-        if let Some(line) =
-            self.kept.iter().find(|line| OUT_OF_MEMORY.iter().any(|words| line.contains(words)))
-        {
+    /// The lines of a run that succeeded.
+    fn checked(self, status: ExitStatus) -> Result<Vec<String>, ExportError> {
+        let says_so = |line: &&String| OUT_OF_MEMORY.iter().any(|words| line.contains(words));
+        if let Some(line) = self.lines.iter().find(says_so) {
             return Err(self.out_of_memory(&format!("it says {:?}", shortened(words(line)))));
         }
-        if status.success() && errors.is_empty() {
-            return Ok(std::mem::take(&mut self.kept));
+        let is_error = |line: &&String| line.trim_start().starts_with("Error");
+        let errors: Vec<&str> = self.lines.iter().filter(is_error).map(|line| words(line)).collect();
+        let cause = programs::cause_of(status);
+        if cause.is_none() && errors.is_empty() {
+            return Ok(self.lines);
         }
-        let says = match (errors.is_empty(), self.kept.last()) {
+        let says = match (errors.is_empty(), self.lines.last()) {
             (false, _) => errors.join("; "),
             (true, Some(last)) => words(last).to_owned(),
             (true, None) => "it says nothing".into(),
         };
-        let ended = match (status.code(), status.signal()) {
-            (Some(0), _) => "failed".to_owned(),
-            (Some(code), _) => format!("failed with exit code {code}"),
-            (None, Some(9)) => "was killed (signal 9), as the system does where memory runs out".to_owned(),
-            (None, signal) => format!("was ended by signal {}", signal.unwrap_or_default()),
-        };
-        Err(ExportError::Mesher(format!("Gmsh {ended} while {}: {}", self.step.0, shortened(&says))))
+        let cause = cause.map_or_else(String::new, |cause| format!(" ({cause})"));
+        Err(ExportError::Mesher(format!("Gmsh failed{cause} while {}: {}", self.step.0, shortened(&says))))
     }
 
     fn out_of_memory(&self, because: &str) -> ExportError {
         ExportError::Mesher(format!(
-            "Gmsh ran out of memory while {}: {because}, and may have {} MB (--gmsh-memory-mib); fewer segments, or a larger \
-             tet_size_mm, take less",
+            "Gmsh ran out of memory while {}: {because}, and may have {} MB (--gmsh-memory-mib); fewer segments, or \
+             a larger tet_size_mm, take less",
             self.step.0,
-            self.limits.memory_bytes / 1_000_000
+            self.limits.memory_bytes.unwrap_or_default() / 1_000_000
         ))
     }
-
-    /// Resident memory of the process group, where the system has the files of Linux.
-    fn memory_bytes(&self) -> Option<u64> {
-        let group = self.child.id();
-        let pages = fs::read_dir("/proc").ok()?.flatten().filter_map(|entry| {
-            let folder = entry.path();
-            entry.file_name().to_str()?.parse::<u32>().ok()?;
-            let stat = fs::read_to_string(folder.join("stat")).ok()?;
-            // The name of the program, in parentheses, may have any characters.
-            let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
-            (fields.nth(2)?.parse::<u32>().ok()? == group).then_some(())?;
-            fs::read_to_string(folder.join("statm")).ok()?.split_whitespace().nth(1)?.parse::<u64>().ok()
-        });
-        Some(pages.sum::<u64>() * rustix::param::page_size() as u64)
-    }
-}
-
-impl Drop for Process {
-    /// Ends the process and all that it has started.
-    fn drop(&mut self) {
-        let _ = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
-        let _ = self.child.wait();
-    }
-}
-
-/// Sends the lines of an output from a thread of its own.
-fn read_lines(output: impl Read + Send + 'static, lines: Sender<String>) {
-    thread::spawn(move || {
-        let mut output = BufReader::new(output);
-        loop {
-            let mut bytes = Vec::new();
-            let read = (&mut output).take(MOST_LINE_BYTES).read_until(b'\n', &mut bytes);
-            if !matches!(read, Ok(count) if count > 0) {
-                return;
-            }
-            let line = String::from_utf8_lossy(&bytes).trim_end().to_owned();
-            if !line.is_empty() && lines.send(line).is_err() {
-                return;
-            }
-        }
-    });
 }
 
 /// A line without the words at its beginning that say what kind it is.

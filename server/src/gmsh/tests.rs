@@ -19,9 +19,10 @@ fn script(folder: &Path, text: &str) -> Program {
     Program::File(file)
 }
 
-const ROOMY: Limits = Limits { time: Duration::from_secs(100), memory_bytes: 1 << 34 };
+const ROOMY: ProgramLimits =
+    ProgramLimits { time: Some(Duration::from_secs(100)), memory_bytes: Some(1 << 34) };
 
-fn filled(program: &Program, limits: &Limits, control: &dyn Control) -> Result<String, ExportError> {
+fn filled(program: &Program, limits: ProgramLimits, control: &dyn Control) -> Result<String, ExportError> {
     let mut surfaces = |out: &mut dyn std::io::Write| Ok(out.write_all(b"of grains")?);
     let mut input = MesherInput { surfaces: &mut surfaces, script: "Merge;", sizes: Some(b"12"), also: None };
     let made = fill(program, limits, &mut input, control)?;
@@ -37,7 +38,7 @@ fn a_program_finds_its_files_and_leaves_no_folder() {
         folder.path(),
         "pwd >where; cat surfaces.msh fill.geo sizes.bin where >filled.msh; echo \"$@\" >>filled.msh",
     );
-    let text = filled(&program, &ROOMY, &Unattended).unwrap();
+    let text = filled(&program, ROOMY, &Unattended).unwrap();
     let (where_, arguments) = text.strip_prefix("of grainsMerge;12").unwrap().split_once('\n').unwrap();
     assert_eq!(arguments, "-3 fill.geo -o filled.msh -bin -nt 1\n");
     assert!(!Path::new(where_).exists(), "{where_}");
@@ -51,9 +52,9 @@ fn the_cause_of_a_failure_is_named() {
             "echo 'Info    : Meshing 3D...'; echo 'Error   : HXT is tired' >&2",
             "Gmsh failed while filling volumes: HXT is tired",
         ),
-        ("echo what; exit 3", "Gmsh failed with exit code 3 while starting Gmsh: what"),
-        ("kill -11 $$", "Gmsh was ended by signal 11 while starting Gmsh: it says nothing"),
-        ("kill -9 $$", "was killed (signal 9), as the system does where memory runs out"),
+        ("echo what; exit 3", "Gmsh failed (exit code 3) while starting Gmsh: what"),
+        ("kill -11 $$", "Gmsh failed (signal 11) while starting Gmsh: it says nothing"),
+        ("kill -9 $$", "it was killed (signal 9), as the system does where memory is short"),
         ("exit 0", "Gmsh ended without an error and without tetrahedra"),
         (
             "echo \"terminate called after throwing an instance of 'std::bad_alloc'\" >&2; exit 134",
@@ -61,11 +62,11 @@ fn the_cause_of_a_failure_is_named() {
         ),
     ] {
         let program = script(folder.path(), text);
-        let error = filled(&program, &ROOMY, &Unattended).unwrap_err();
+        let error = filled(&program, ROOMY, &Unattended).unwrap_err();
         assert!(matches!(&error, ExportError::Mesher(what) if what.contains(says)), "{says}: {error}");
     }
     let missing = Program::File(folder.path().join("none"));
-    let error = filled(&missing, &ROOMY, &Unattended).unwrap_err().to_string();
+    let error = filled(&missing, ROOMY, &Unattended).unwrap_err().to_string();
     assert!(error.starts_with("Gmsh cannot be started: "), "{error}");
 }
 
@@ -81,8 +82,8 @@ fn a_program_that_hangs_is_stopped_with_all_that_it_has_started() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("pid");
     let program = script(folder.path(), &format!("sleep 1000 & echo $! >{}; wait", file.display()));
-    let limits = Limits { time: Duration::from_millis(300), ..ROOMY };
-    let error = filled(&program, &limits, &Unattended).unwrap_err().to_string();
+    let limits = ProgramLimits { time: Some(Duration::from_millis(300)), ..ROOMY };
+    let error = filled(&program, limits, &Unattended).unwrap_err().to_string();
     assert!(error.starts_with("Gmsh did not end within 0.3 s (--gmsh-timeout-s)"), "{error}");
     let began = Instant::now();
     while runs(&file) && began.elapsed() < Duration::from_secs(10) {
@@ -101,8 +102,8 @@ fn a_program_that_takes_too_much_memory_is_stopped() {
         folder.path(),
         "echo 'Info    : Meshing 3D...'; tail -c 400000000 /dev/zero | tail -c 400000000; sleep 1000",
     );
-    let limits = Limits { memory_bytes: 100 << 20, ..ROOMY };
-    let error = filled(&program, &limits, &Unattended).unwrap_err().to_string();
+    let limits = ProgramLimits { memory_bytes: Some(100 << 20), ..ROOMY };
+    let error = filled(&program, limits, &Unattended).unwrap_err().to_string();
     assert!(error.starts_with("Gmsh ran out of memory while filling volumes: it held"), "{error}");
     assert!(error.contains("may have 104 MB (--gmsh-memory-mib)"), "{error}");
 }
@@ -128,13 +129,13 @@ impl Control for StopAt {
 fn a_run_that_is_told_to_stop_ends_the_program() {
     let folder = tempfile::tempdir().unwrap();
     let program = script(folder.path(), "echo 'Info    : Meshing 3D...'; sleep 1000");
-    assert!(matches!(filled(&program, &ROOMY, &StopAt::default()), Err(ExportError::Stopped)));
+    assert!(matches!(filled(&program, ROOMY, &StopAt::default()), Err(ExportError::Stopped)));
 }
 
 #[test]
 fn a_named_program_that_is_no_gmsh_is_refused_with_advice() {
     let folder = tempfile::tempdir().unwrap();
-    for (text, says) in [("echo hello", "it states no version"), ("exit 2", "failed with exit code 2")] {
+    for (text, says) in [("echo hello", "it states no version"), ("exit 2", "failed (exit code 2)")] {
         let Program::File(file) = script(folder.path(), text) else { panic!() };
         let error = find::find(Some(&file), None).unwrap_err();
         let ExportError::Unavailable(what) = error else { panic!("{error}") };

@@ -3,14 +3,13 @@
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::num::NonZeroUsize;
-use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus};
+use std::process::Command;
 
 use packstone_engine::export::deck::MODEL;
 use thiserror::Error;
 
-use super::program::{self, ProgramEnd, ProgramLimits};
+use crate::programs::{self, ProgramEnd, ProgramLimits};
 
 /// Name of the program.
 pub(crate) const CCX: &str = "ccx";
@@ -56,6 +55,11 @@ pub(crate) enum CalculixError {
     /// It was stopped at its limit of time.
     #[error("CalculiX was stopped after {0} s: --ccx-timeout-s gives it more")]
     TimedOut(u64),
+    /// It was stopped at its limit of memory.
+    #[error(
+        "CalculiX was stopped with {0} MB of memory: --ccx-memory-mib gives it more; fewer cells take less"
+    )]
+    OutOfMemory(u64),
 }
 
 /// Finds CalculiX.
@@ -63,7 +67,12 @@ pub(crate) enum CalculixError {
 /// # Errors
 /// [`CalculixError::Missing`].
 pub(crate) fn find(named: Option<&Path>) -> Result<PathBuf, CalculixError> {
-    program::find(CCX, named).ok_or_else(|| CalculixError::Missing(named.map(Path::to_owned)))
+    let found = match named {
+        Some(file) if file.components().count() > 1 => Some(file.to_owned()).filter(|file| file.is_file()),
+        // A name without a folder is looked for, as shells do.
+        _ => programs::on_path(named.map_or(CCX.as_ref(), Path::as_os_str)).into_iter().next(),
+    };
+    found.ok_or_else(|| CalculixError::Missing(named.map(Path::to_owned)))
 }
 
 /// Runs CalculiX on the deck of a folder. `progress` hears what it does, with the share of the work that is done.
@@ -82,30 +91,23 @@ pub(crate) fn run(
     let log = folder.join(LOG);
     let mut command = Command::new(ccx);
     command.arg(MODEL).current_dir(folder).env("OMP_NUM_THREADS", threads.to_string());
-    let look = || {
+    let look = |_| {
         if let Some((_, fraction, step)) = STEPS.iter().find(|(file, ..)| folder.join(file).exists()) {
             progress(*fraction, step);
         }
     };
-    match program::run(&mut command, limits, &log, should_stop, look)? {
+    match programs::run(&mut command, limits, &log, should_stop, look)? {
         ProgramEnd::Stopped => Err(CalculixError::Stopped),
         ProgramEnd::TimedOut => Err(CalculixError::TimedOut(limits.time.map_or(0, |most| most.as_secs()))),
+        ProgramEnd::OutOfMemory(bytes) => Err(CalculixError::OutOfMemory(bytes / 1_000_000)),
         ProgramEnd::Ended(status) => {
             let text = end_of(&log)?;
             if status.success() && text.contains(FINISHED) {
                 return Ok(());
             }
-            Err(CalculixError::Failed { how: how(status), faults: faults(&text), log })
+            let how = programs::cause_of(status).unwrap_or_else(|| "it ended without an answer".to_owned());
+            Err(CalculixError::Failed { how, faults: faults(&text), log })
         }
-    }
-}
-
-fn how(status: ExitStatus) -> String {
-    match (status.code(), status.signal()) {
-        (Some(0), _) => "it ended without an answer".into(),
-        (Some(code), _) => format!("exit code {code}"),
-        (None, Some(9)) => "it was killed, as the system does where memory is short".into(),
-        (None, signal) => format!("signal {}", signal.unwrap_or_default()),
     }
 }
 

@@ -21,7 +21,6 @@
 
 pub(crate) mod calculix;
 mod packed;
-pub(crate) mod program;
 mod run;
 mod study;
 

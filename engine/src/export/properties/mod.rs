@@ -1,8 +1,8 @@
 //! Effective properties of a packing: stiffness, thermal expansion, conductivity, diffusivity, with their bounds.
 //!
 //! The packing becomes voxels (`voxelize`) whose phases have the materials of the request, and these a periodic cell
-//! that the module `homogenization` solves. Half as many voxels along each edge are solved as well: the
-//! difference is the error that the voxels make. `docs/properties.md` has the mathematics.
+//! that the module `homogenization` solves. Half as many voxels along each edge are solved as well: the difference is
+//! the error that the voxels make. `docs/properties.md` has the mathematics.
 
 mod ball;
 mod options;
@@ -24,7 +24,7 @@ pub use report::{
 };
 
 use self::phases::Phases;
-pub(super) use self::phases::judge;
+pub(super) use self::phases::{check_materials, of_material};
 use self::voxelize::{Cuts, Voxelized, voxelize};
 use super::solids::Sectioned;
 use super::voxels::VoxelGrid;

@@ -56,6 +56,12 @@ const EXPANSION: Needed =
 const CONDUCTIVITY: Needed = ("conductivity_w_m_k", |material| material.conductivity_w_m_k);
 const DIFFUSIVITY: Needed = ("diffusivity_m2_s", |material| material.diffusivity_m2_s);
 
+/// The elastic phase of a material; what it does not have is 0.
+pub(in crate::export) fn of_material(material: &Material) -> ElasticPhase {
+    let value = |(_, of): Needed| of(material).unwrap_or_default();
+    ElasticPhase::new(value(MODULUS), value(RATIO), value(EXPANSION))
+}
+
 /// What a kind needs.
 fn needed(kind: PropertyKind, materials: &[(String, Material)]) -> Vec<Needed> {
     match kind {
@@ -122,11 +128,14 @@ fn kinds_of(
     if faults.is_empty() { Ok(kinds) } else { Err(ExportError::Invalid(faults)) }
 }
 
-/// Judges the materials of the phases: the matrix first.
+/// Checks the materials of the phases: the matrix first.
 ///
 /// # Errors
 /// [`ExportError::Invalid`] with every property that is missing, and a matrix that is a pore.
-pub(in crate::export) fn judge(phases: &[Phase<'_>], options: &PropertyOptions) -> Result<(), ExportError> {
+pub(in crate::export) fn check_materials(
+    phases: &[Phase<'_>],
+    options: &PropertyOptions,
+) -> Result<(), ExportError> {
     kinds_of(options, &named(phases)).map(drop)
 }
 
@@ -159,14 +168,10 @@ impl Phases {
         let values = |(_, of): Needed| -> Option<Vec<f64>> {
             kinds.has(PropertyKind::Conductivity).then(|| materials.iter().map(of).collect()).flatten()
         };
-        let elastic = |material: &Material| {
-            let value = |(_, of): Needed| of(material).unwrap_or_default();
-            ElasticPhase::new(value(MODULUS), value(RATIO), value(EXPANSION))
-        };
         Ok(Self {
             conductivity: values(CONDUCTIVITY),
             diffusivity: values(DIFFUSIVITY),
-            elastic: materials.iter().map(elastic).collect(),
+            elastic: materials.iter().map(of_material).collect(),
             names,
             materials,
             kinds,

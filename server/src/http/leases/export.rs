@@ -11,7 +11,7 @@ use axum::response::{IntoResponse as _, Response};
 use jiff::Timestamp;
 use packstone_engine::FieldError;
 use packstone_engine::export::{ExportReport, ExportRequest};
-use packstone_engine::request::Specimen;
+use packstone_engine::request::{Materials, Specimen};
 use tracing::Instrument as _;
 
 use super::checkpoint::{check_length, of_disk};
@@ -139,8 +139,8 @@ async fn take_in(
     let kind = claimed.export.kind.name();
     let received = upload::take(&app, body, move |pieces| {
         let next = || pieces.next().map(|piece| piece.map_err(|_| ReceiveError::Broken));
-        let judge = |report: &ExportReport, bytes| judged(&artifacts, &claimed, report, bytes);
-        (artifacts.receive_export(&place, &expected, next, judge), place)
+        let check = |report: &ExportReport, bytes| check_report(&artifacts, &claimed, report, bytes);
+        (artifacts.receive_export(&place, &expected, next, check), place)
     });
     let (received, place) = received.await?;
     let (file, report) = match received {
@@ -178,8 +178,8 @@ async fn leased(app: &App, lease: ExportLease) -> Result<ClaimedExport, Problem>
     app.shared.store.leased_export(lease).await.map_err(|error| refused(app, error))
 }
 
-/// Holds a report against the packing and the options that it is said to be of.
-fn judged(
+/// Checks a report against the packing, the options and the materials that it is said to be of.
+fn check_report(
     artifacts: &Artifacts,
     claimed: &ClaimedExport,
     report: &ExportReport,
@@ -188,10 +188,13 @@ fn judged(
     let stored = artifacts.read(&claimed.result)?;
     let unreadable = |what: &str| io::Error::other(format!("the stored {what} is unreadable"));
     let export = ExportRequest::from_json(&claimed.export.options).map_err(|_| unreadable("request"))?;
-    let specimen =
-        Specimen::from_json(&stored.head().request["specimen"]).map_err(|_| unreadable("specimen"))?;
+    let request = &stored.head().request;
+    let materials = Materials::of_request(request);
+    let specimen = Specimen::from_json(&request["specimen"]).map_err(|_| unreadable("specimen"))?;
     let volume_fraction = stored.head().report.summary.volume_fraction_effective;
-    export.judge(&specimen, volume_fraction, report, bytes).map_err(ReceiveError::Unexpected)
+    export
+        .check_report(&specimen, volume_fraction, materials.as_ref(), report, bytes)
+        .map_err(ReceiveError::Unexpected)
 }
 
 /// Requeues an export of which a worker has sent what is wrong, counts it for the worker, and names both in the log.
