@@ -19,8 +19,9 @@ def test_the_examples_of_the_readme(
     monkeypatch.setenv("PACKSTONE_URL", server.url)
     monkeypatch.chdir(tmp_path)
     readme = REPOSITORY / "python/README.md"
-    blocks = re.findall(r"^```python\n(.*?)^```", readme.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(blocks) == 11
+    text = readme.read_text()
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert len(blocks) == text.count("```python") > 0
     names: dict[str, Any] = {}
     for block in blocks:
         code = compile(block, str(readme), "exec", flags=ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
