@@ -34,7 +34,7 @@ if [ -n "${NOTICES:-}" ]; then
 else
     # All crates of Cargo.lock, which cargo-about reads without the network then.
     cargo fetch --locked --quiet
-    cargo about generate --config packaging/about.toml --manifest-path server/Cargo.toml --features postgres,s3 \
+    cargo about generate --config packaging/about.toml --manifest-path server/Cargo.toml \
         --locked --offline --output-file "$stage/THIRD-PARTY" packaging/about.hbs
 fi
 version=$("$binary" --version | cut -d ' ' -f 2)

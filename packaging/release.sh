@@ -33,7 +33,7 @@ SOURCE_DATE_EPOCH=$(git log -1 --format=%ct)
 export SOURCE_DATE_EPOCH
 
 # The profile and the features of the container image (docker/Dockerfile).
-build=(--profile dist --features postgres,s3 --locked --package packstone-server --bin packstone)
+build=(--profile dist --locked --package packstone-server --bin packstone)
 target=${CARGO_TARGET_DIR:-target}
 host=$(rustc -vV | sed -n 's/^host: //p')
 
@@ -98,7 +98,7 @@ fi
 
 echo '=== the bill of materials'
 # cargo-cyclonedx writes beside the Cargo.toml of each crate of the workspace.
-cargo cyclonedx --quiet --manifest-path server/Cargo.toml --format json --spec-version 1.5 --features postgres,s3 \
+cargo cyclonedx --quiet --manifest-path server/Cargo.toml --format json --spec-version 1.5 \
     --no-build-deps --target "$host" --override-filename packstone-bill
 # Its references have the folder of this build.
 sed "s|file://$PWD/|file:///|g" server/packstone-bill.json >"$out/packstone-$version.cdx.json"

@@ -255,16 +255,6 @@ async fn a_checkpoint_is_shared_when_the_server_stops() {
     server.stop().await;
 }
 
-#[cfg(not(feature = "s3"))]
-#[tokio::test]
-async fn a_build_without_s3_says_what_it_lacks() {
-    let data_dir = DataDir::new();
-    let refused = run(Launch::new(&data_dir).args(&["--blobs", "s3://bucket/prefix"]).into_command()).await;
-    assert_eq!(refused.code, Some(2));
-    assert!(refused.stderr.contains("--features s3"), "{}", refused.stderr);
-}
-
-#[cfg(feature = "s3")]
 mod s3 {
     use std::time::Duration;
 

@@ -16,7 +16,7 @@ async fn kills_of_servers_and_their_database_lose_nothing() {
 }
 
 #[tokio::test]
-#[ignore = "long: cargo test --release -p packstone-server --features postgres --test e2e five_hundred -- --ignored"]
+#[ignore = "long: cargo test --release -p packstone-server --test e2e five_hundred -- --ignored"]
 async fn five_hundred_kills_of_servers_and_their_database_lose_nothing() {
     survive(500, 6).await;
 }

@@ -295,18 +295,10 @@ async fn what_cannot_be_moved_is_refused_before_anything_is_made() {
     let [one, two] = ["one", "two"].map(|name| parent.path().join(name).to_str().unwrap().to_owned());
     let url = "postgres://lab:secret@localhost/none?host=/nowhere";
     let cases = [
-        #[cfg(feature = "postgres")]
         (one.as_str(), two.as_str(), "one/packstone.sqlite and "),
-        #[cfg(feature = "postgres")]
         (url, url, "one of the two must be PostgreSQL and the other a data directory"),
-        #[cfg(feature = "postgres")]
         (one.as_str(), url, "is no data directory: it holds no packstone.sqlite"),
-        #[cfg(feature = "postgres")]
         (one.as_str(), "mysql://lab:secret@host/db", "--to must be a URL as postgres://"),
-        #[cfg(not(feature = "postgres"))]
-        (one.as_str(), two.as_str(), "--features postgres"),
-        #[cfg(not(feature = "postgres"))]
-        (one.as_str(), url, "--features postgres"),
     ];
     for (from, to, says) in cases {
         let ended = migrate(&["--from", from, "--to", to]).await;

@@ -81,7 +81,6 @@ async fn a_crash_of_the_database_is_survived_without_a_restart() {
     assert_eq!(counts(&postgres), "cancelled|1\nsucceeded|2");
 }
 
-#[cfg(feature = "tls")]
 #[tokio::test]
 async fn a_connection_to_the_database_can_be_encrypted_and_its_certificate_demanded() {
     let Some(postgres) = Postgres::start() else { return };
@@ -225,9 +224,6 @@ async fn a_database_that_is_not_there_is_named() {
     for (url, says) in [
         ("mysql://host/db", "must be a URL as postgres://user@host/database"),
         ("mysql://lab:secret@host/db", "--store must be a URL as postgres://user@host/database"),
-        #[cfg(not(feature = "postgres"))]
-        ("postgres://nobody@localhost/none", "--features postgres"),
-        #[cfg(feature = "postgres")]
         ("postgres://nobody:secret@localhost/none?host=/nowhere", "the database"),
     ] {
         let output = Launch::new(&data_dir).args(&["--store", url]).into_command().output().unwrap();

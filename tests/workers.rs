@@ -496,12 +496,6 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
         assert_eq!(ended.code, Some(expected), "{ended:?}");
         assert!(ended.stderr.contains(told), "{ended:?}");
     }
-    let https = ["worker", "--server", "https://127.0.0.1:9", "--idle-exit-s", "0"];
-    let ended = packstone(folder.path(), &https).await;
-    if cfg!(not(feature = "tls")) {
-        assert_eq!(ended.code, Some(3), "{ended:?}");
-        assert!(ended.stderr.contains("--features tls"), "{ended:?}");
-    }
     let build = build_of(&root).await;
     let mut wrong = claim("a", &build);
     wrong["build"] = json!("0.0.1 (abc)");

@@ -62,8 +62,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_STORE", value_name = "URL", hide_env_values = true)]
     pub(crate) store: Option<String>,
     /// Where results and exports are kept: a folder, which other servers may share, or `s3://BUCKET/PREFIX` with
-    /// credentials and endpoint from the usual variables AWS_* (a build with the feature `s3`) [default: the data
-    /// directory]
+    /// credentials and endpoint from the usual variables AWS_* [default: the data directory]
     #[arg(long, env = "PACKSTONE_BLOBS", value_name = "FOLDER-OR-URL", value_parser = Place::read)]
     pub(crate) blobs: Option<Place>,
     /// Answer requests for the files of exports with a URL of the bucket of --blobs, valid for 5 minutes, in place of

@@ -2,7 +2,6 @@
 //!
 //! Nothing in here asserts about packings or jobs; that is the tests' own matter.
 
-#[cfg(feature = "s3")]
 mod bucket;
 mod client;
 mod contract;
@@ -11,7 +10,6 @@ pub(crate) mod jobs;
 pub(crate) mod machine;
 mod postgres;
 mod process;
-#[cfg_attr(not(feature = "s3"), allow(dead_code, reason = "faults of a storage"))]
 mod proxy;
 mod raw;
 pub(crate) mod results;
@@ -19,7 +17,6 @@ mod server;
 mod slurm;
 mod sse;
 
-#[cfg(feature = "s3")]
 pub(crate) use bucket::Bucket;
 pub(crate) use client::{Client, Reply, Request, id_of};
 pub(crate) use contract::{Contract, text as contract_text};

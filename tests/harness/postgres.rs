@@ -22,23 +22,16 @@ pub(crate) struct Postgres {
 }
 
 impl Postgres {
-    /// Starts one. `None`, said aloud, where it is not installed or the binary under test was built without it.
+    /// Starts one. `None`, said aloud, where it is not installed.
     pub(crate) fn start() -> Option<Self> {
         let required = std::env::var_os(REQUIRED).is_some_and(|value| !value.is_empty());
-        let found = if cfg!(feature = "postgres") {
-            programs().ok_or("no PostgreSQL (initdb, pg_ctl); install postgresql (Debian)")
-        } else {
-            Err("the binary is built without it: cargo test --features postgres")
-        };
-        let programs = match found {
-            Ok(programs) => programs,
-            Err(why) => {
-                assert!(!required, "{REQUIRED} is set, but {why}");
-                // Past the capture of the test harness: that nothing was tested must be seen.
-                let warning = format!("\n*** SKIPPED: nothing was tested with PostgreSQL: {why}\n");
-                std::io::stderr().write_all(warning.as_bytes()).unwrap();
-                return None;
-            }
+        let Some(programs) = programs() else {
+            let why = "no PostgreSQL (initdb, pg_ctl); install postgresql (Debian)";
+            assert!(!required, "{REQUIRED} is set, but {why}");
+            // Past the capture of the test harness: that nothing was tested must be seen.
+            let warning = format!("\n*** SKIPPED: nothing was tested with PostgreSQL: {why}\n");
+            std::io::stderr().write_all(warning.as_bytes()).unwrap();
+            return None;
         };
         let folder = tempfile::tempdir().expect("a temporary directory");
         let user = rustix::process::getuid().is_root().then(|| "postgres".to_owned());
@@ -68,7 +61,6 @@ impl Postgres {
 
     /// Starts it so that it takes connections over TLS alone, with the certificate of the tests. The URL of a database
     /// without the parameters of TLS.
-    #[cfg(feature = "tls")]
     pub(crate) fn restarted_with_tls(&self, name: &str) -> String {
         self.database(name);
         self.crash();

@@ -2,7 +2,6 @@
 
 #![allow(clippy::unwrap_used)]
 
-#[cfg(feature = "s3")]
 #[allow(dead_code, unreachable_pub)]
 #[path = "../../../tests/harness/bucket.rs"]
 mod bucket;
@@ -202,7 +201,6 @@ fn files_in_a_shared_folder_conform() {
     conform(&|| Arc::new(Files::shared(folder.path().join("made")).unwrap()));
 }
 
-#[cfg(feature = "s3")]
 #[test]
 fn objects_of_a_bucket_conform() {
     use object_store::aws::AmazonS3Builder;

@@ -2,7 +2,7 @@
 //!
 //! A blob is staged first, as a file on a disk of this machine, and then published under its name, where it is seen
 //! whole or not at all. [`Files`] keeps blobs in a folder of this service or in one that several share, [`Objects`]
-//! in a bucket of S3 (feature `s3`). All pass the same tests (`conformance`).
+//! in a bucket of S3. All pass the same tests (`conformance`).
 //!
 //! Every method blocks its thread: call them on one that may.
 
@@ -10,7 +10,6 @@ pub(crate) mod blocks;
 #[cfg(test)]
 mod conformance;
 mod files;
-#[cfg(feature = "s3")]
 mod objects;
 pub(crate) mod owner;
 mod place;
@@ -24,7 +23,6 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 pub(crate) use files::Files;
-#[cfg(feature = "s3")]
 pub(crate) use objects::Objects;
 pub(crate) use place::{OpenError, Place};
 pub(crate) use watched::Watched;

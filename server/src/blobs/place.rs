@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::{Blobs, Files};
-#[cfg(feature = "s3")]
 use crate::disk::{Disk, Shortage};
 
 /// Name of the folder in the data directory for files that are on their way to a bucket, and copies of its objects.
@@ -18,7 +17,6 @@ pub(crate) enum Place {
     /// A folder, which other services may use too.
     Folder(PathBuf),
     /// Objects of a bucket of S3, whose names begin with a prefix.
-    #[cfg(feature = "s3")]
     S3 {
         /// The bucket.
         bucket: String,
@@ -57,11 +55,6 @@ impl Place {
                     .into(),
             );
         }
-        #[cfg(not(feature = "s3"))]
-        return Err(
-            "s3:// needs a build with the feature `s3`: `cargo install --path server --features s3`".into()
-        );
-        #[cfg(feature = "s3")]
         Ok(Self::S3 { bucket: bucket.to_owned(), prefix: prefix.to_owned() })
     }
 
@@ -79,11 +72,9 @@ impl Place {
             .map_err(|error| OpenError { place: self.to_string(), why: error.to_string() })
     }
 
-    #[cfg_attr(not(feature = "s3"), allow(unused_variables))]
     fn try_open(&self, data_dir: &Path, min_free_bytes: Option<u64>) -> io::Result<Arc<dyn Blobs>> {
         match self {
             Self::Folder(folder) => Ok(Arc::new(Files::shared(folder.clone())?)),
-            #[cfg(feature = "s3")]
             Self::S3 { bucket, prefix } => {
                 let disk = Disk::new(data_dir.to_owned(), min_free_bytes, Shortage::default());
                 Ok(Arc::new(super::Objects::s3(bucket, prefix, data_dir.join(SCRATCH), disk)?))
@@ -107,7 +98,6 @@ impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Folder(folder) => write!(f, "{}", folder.display()),
-            #[cfg(feature = "s3")]
             Self::S3 { bucket, prefix } => write!(f, "s3://{bucket}/{prefix}"),
         }
     }
@@ -133,9 +123,6 @@ mod tests {
             assert!(refused.contains("s3://BUCKET/PREFIX"), "{bad}: {refused}");
         }
         let bucket = Place::read("s3://bucket/a/b/");
-        #[cfg(feature = "s3")]
         assert_eq!(bucket, Ok(Place::S3 { bucket: "bucket".into(), prefix: "a/b".into() }));
-        #[cfg(not(feature = "s3"))]
-        assert!(bucket.unwrap_err().contains("--features s3"));
     }
 }

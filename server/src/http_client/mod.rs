@@ -6,7 +6,6 @@
 //! caller's.
 
 mod kept;
-#[cfg(feature = "tls")]
 mod tls;
 
 use std::fmt;
@@ -42,20 +41,6 @@ pub(crate) enum ClientError {
     /// The request is none.
     #[error("the request is invalid: {0}")]
     Request(#[from] axum::http::Error),
-    /// This build has no TLS.
-    #[cfg(not(feature = "tls"))]
-    #[error("{NO_TLS}")]
-    NoTls,
-}
-
-/// Why `https` is refused by a build without the feature `tls`.
-const NO_TLS: &str = "https needs a build with TLS: `cargo install --path server --features tls`";
-
-impl ClientError {
-    /// Why a URL is refused by a build without TLS.
-    pub(crate) fn no_tls(url: &str) -> String {
-        format!("{url:?}: {NO_TLS}")
-    }
 }
 
 /// Where requests go: scheme, host and port of a URL.
@@ -144,14 +129,11 @@ impl Origin {
         if !self.https {
             return handshake(TokioIo::new(stream)).await;
         }
-        #[cfg(feature = "tls")]
         {
             let secured = tokio::time::timeout(CONNECT, tls::secure(stream, &self.host));
             let secured = secured.await.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
             handshake(TokioIo::new(secured?)).await
         }
-        #[cfg(not(feature = "tls"))]
-        Err(ClientError::NoTls)
     }
 
     /// Sends a request whose URI is a path; `Host` is set here. The connection ends with the response.

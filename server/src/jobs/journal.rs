@@ -66,7 +66,6 @@ impl Journal {
     }
 
     /// Notes that anything may have changed, of which nobody told.
-    #[cfg(any(test, feature = "postgres"))]
     pub(crate) fn lose(&self) {
         let mut entries = self.lock();
         let last = entries.last + 1;

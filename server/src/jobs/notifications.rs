@@ -43,7 +43,6 @@ impl<Id: Copy + Eq + Hash> Notifications<Id> {
     }
 
     /// Wakes all who wait for anything.
-    #[cfg(feature = "postgres")]
     pub(crate) fn notify_all(&self) {
         for sender in lock(&self.waiters).values() {
             sender.send_replace(());

@@ -78,11 +78,6 @@ impl WebhookUrl {
         &self.url[Position::BeforePath..Position::AfterQuery]
     }
 
-    /// Whether the connection is encrypted.
-    pub(crate) fn is_https(&self) -> bool {
-        self.url.scheme() == "https"
-    }
-
     /// Name or address of the receiver.
     pub(crate) fn host(&self) -> &Host<String> {
         &self.host

@@ -1,6 +1,5 @@
 //! `packstone migrate-store`: moves what a store holds from a data directory to PostgreSQL, or back.
 
-#[cfg(feature = "postgres")]
 mod moving;
 
 use clap::Args;
@@ -31,13 +30,7 @@ pub(super) struct Options {
     json: bool,
 }
 
-/// Moves the store, in a build with PostgreSQL; without it there is nowhere to move to.
+/// Moves the store.
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
-    #[cfg(feature = "postgres")]
-    return moving::run(options);
-    #[cfg(not(feature = "postgres"))]
-    {
-        let Options { from: _, to: _, force: _, json: _ } = options;
-        Err(super::exit::Exit::BadInput.because(crate::jobs::store::NoDatabase::NotBuilt))
-    }
+    moving::run(options)
 }

@@ -36,7 +36,6 @@ pub(super) enum Change {
     /// Clients see another state of an export.
     Export(ExportId),
     /// Anything may have changed: changes of another server were not told.
-    #[cfg(feature = "postgres")]
     Lost,
 }
 
@@ -78,13 +77,11 @@ impl Shared {
                 self.study_changes.notify(id);
             }
             Change::Export(id) => self.export_changes.notify(id),
-            #[cfg(feature = "postgres")]
             Change::Lost => self.journal.lose(),
         }
     }
 
     /// Wakes all who wait in this process, for any change.
-    #[cfg(feature = "postgres")]
     pub(super) fn wake_all(&self) {
         for change in [Change::Queue, Change::Exports, Change::Webhooks, Change::Checks] {
             self.wake(change);
@@ -273,7 +270,6 @@ impl Store {
     /// Tells all whom it concerns, in this process and in others.
     fn announce(&self, change: Change) {
         self.shared.wake(change);
-        #[cfg(feature = "postgres")]
         if let Some(servers) = &self.shared.servers {
             servers.tell(change);
         }

@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use jiff::Timestamp;
 
 /// Time between two looks at the clock of the database.
-#[cfg(feature = "postgres")]
 const ASK_EVERY: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// The clock of the database, as this process knows it: its own, corrected by what the database last said. SQLite has
@@ -15,7 +14,6 @@ pub(super) struct Clock {
     /// By how many microseconds the database is ahead.
     ahead_us: AtomicI64,
     /// When the database was asked last.
-    #[cfg(feature = "postgres")]
     asked: std::sync::Mutex<Option<std::time::Instant>>,
 }
 
@@ -26,14 +24,12 @@ impl Clock {
     }
 
     /// Whether the database is to be asked again: clocks drift by much less than a millisecond in this time.
-    #[cfg(feature = "postgres")]
     pub(super) fn is_stale(&self) -> bool {
         let asked = *self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         asked.is_none_or(|asked| asked.elapsed() >= ASK_EVERY)
     }
 
     /// Corrects it: the database says that it is `now_us`.
-    #[cfg(feature = "postgres")]
     pub(super) fn set(&self, now_us: i64) {
         let now = std::time::Instant::now();
         *self.asked.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(now);

@@ -8,7 +8,6 @@ use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, Sq
 use sqlx::{Connection as _, SqliteConnection};
 
 use super::db::{Connection, Options, WAIT};
-#[cfg(feature = "postgres")]
 use super::servers::{Others, Servers};
 use super::{StoreError, schema};
 
@@ -18,7 +17,6 @@ pub(crate) enum Database {
     /// A file of SQLite, of which this process is the only writer.
     File(PathBuf),
     /// PostgreSQL.
-    #[cfg(feature = "postgres")]
     Postgres {
         options: Box<sqlx::postgres::PgConnectOptions>,
         /// Whether other servers may use it at the same time.
@@ -44,13 +42,8 @@ pub(crate) enum NoDatabase {
     #[error("must be a URL as postgres://user@host/database")]
     Scheme,
     /// The URL cannot be read.
-    #[cfg(feature = "postgres")]
     #[error("{0}")]
     Url(String),
-    /// The build is without PostgreSQL.
-    #[cfg(not(feature = "postgres"))]
-    #[error("this build of packstone is without PostgreSQL: build it with `--features postgres`")]
-    NotBuilt,
 }
 
 impl From<&Path> for Database {
@@ -66,12 +59,9 @@ impl FromStr for Database {
         if !["postgres://", "postgresql://"].iter().any(|scheme| text.starts_with(scheme)) {
             return Err(NoDatabase::Scheme);
         }
-        #[cfg(feature = "postgres")]
-        return super::db::postgres::options(text)
+        super::db::postgres::options(text)
             .map(|options| Self::Postgres { options: Box::new(options), is_shared: true })
-            .map_err(|error| NoDatabase::Url(error.to_string()));
-        #[cfg(not(feature = "postgres"))]
-        Err(NoDatabase::NotBuilt)
+            .map_err(|error| NoDatabase::Url(error.to_string()))
     }
 }
 
@@ -80,7 +70,6 @@ impl fmt::Display for Database {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::File(file) => file.display().fmt(f),
-            #[cfg(feature = "postgres")]
             Self::Postgres { options, .. } => {
                 let database = options.get_database().unwrap_or_else(|| options.get_username());
                 write!(
@@ -104,20 +93,14 @@ impl Database {
     pub(crate) fn is_shared(&self) -> bool {
         match self {
             Self::File(_) => false,
-            #[cfg(feature = "postgres")]
             Self::Postgres { is_shared, .. } => *is_shared,
         }
     }
 
     /// The file, where it is one.
-    #[cfg_attr(
-        not(feature = "postgres"),
-        expect(clippy::unnecessary_wraps, reason = "no other database is built in")
-    )]
     pub(crate) fn file(&self) -> Option<&Path> {
         match self {
             Self::File(file) => Some(file),
-            #[cfg(feature = "postgres")]
             Self::Postgres { .. } => None,
         }
     }
@@ -136,7 +119,6 @@ impl Database {
     }
 
     /// The way to the other servers, with its other end, where there may be any.
-    #[cfg(feature = "postgres")]
     pub(super) fn servers(&self) -> Option<(Servers, Others)> {
         match self {
             Self::Postgres { options, is_shared: true } => Some(Servers::to(options)),
@@ -157,7 +139,6 @@ impl Database {
                     .pragma("temp_store", "memory")
                     .busy_timeout(WAIT),
             )),
-            #[cfg(feature = "postgres")]
             Self::Postgres { options, .. } => Options::Postgres(options.clone()),
         }
     }
@@ -178,7 +159,6 @@ impl Database {
                 let options = Options::Sqlite(Box::new(options.journal_mode(SqliteJournalMode::Wal)));
                 Ok(Opened { connection: options.connect().await?, options, identity })
             }
-            #[cfg(feature = "postgres")]
             options @ Options::Postgres(_) => {
                 let mut connection = options.connect().await?;
                 let identity = schema::prepare(&mut connection, self).await?;
@@ -200,7 +180,6 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "postgres")]
     #[test]
     fn a_url_is_shown_without_its_password() {
         let database: Database = "postgres://lab:secret@db.example:5433/packstone".parse().unwrap();
@@ -215,13 +194,5 @@ mod tests {
             assert!(!fault.contains("secret"), "{fault}");
         }
         assert!("postgres://lab@db/packstone?sslmode=verify-full".parse::<Database>().is_ok());
-    }
-
-    #[cfg(not(feature = "postgres"))]
-    #[test]
-    fn a_build_without_postgresql_names_the_feature() {
-        let refused = "postgres://lab@db.example/packstone".parse::<Database>().err();
-        assert_eq!(refused, Some(NoDatabase::NotBuilt));
-        assert!(NoDatabase::NotBuilt.to_string().contains("--features postgres"));
     }
 }

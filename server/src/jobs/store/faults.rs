@@ -20,7 +20,6 @@ pub(crate) enum Fault {
 /// The fault behind an error of the database; `None` where the program is at fault.
 pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
     match error {
-        #[cfg(feature = "postgres")]
         sqlx::Error::Database(error)
             if error.try_downcast_ref::<sqlx::postgres::PgDatabaseError>().is_some() =>
         {
@@ -54,7 +53,6 @@ fn by_code(code: i32) -> Option<Fault> {
 }
 
 /// By the SQLSTATE of PostgreSQL (<https://www.postgresql.org/docs/current/errcodes-appendix.html>).
-#[cfg(feature = "postgres")]
 fn by_sqlstate(code: &str) -> Option<Fault> {
     match code {
         "53100" => Some(Fault::NoSpace),
@@ -90,7 +88,6 @@ impl StoreError {
 mod tests {
     use super::*;
 
-    #[cfg(feature = "postgres")]
     #[test]
     fn sqlstates_tell_faults_of_the_machine_from_others() {
         for (code, fault) in [

@@ -44,9 +44,8 @@ mod retention;
 mod rows;
 mod running;
 mod schema;
-#[cfg(feature = "postgres")]
 mod servers;
-#[cfg(all(test, feature = "postgres"))]
+#[cfg(test)]
 mod servers_tests;
 mod standings;
 mod studies;
@@ -54,7 +53,6 @@ mod submit;
 mod target;
 #[cfg(test)]
 mod tests;
-#[cfg(feature = "postgres")]
 pub(crate) mod transfer;
 mod turns;
 mod upkeep;
@@ -240,7 +238,6 @@ struct Shared {
     /// Of the task that checks what worker processes have sent.
     checks: Notify,
     /// The other servers of the same database.
-    #[cfg(feature = "postgres")]
     servers: Option<servers::Servers>,
     limits: StoreLimits,
     accounts: Arc<Accounts>,
@@ -264,7 +261,6 @@ impl Store {
         let writer = Writer::new(connection, options, mark.clone());
         // Sets the clock.
         writer.lock(Durability::PowerCut).await?.begin().await?.rollback().await?;
-        #[cfg(feature = "postgres")]
         let (servers, others) = database.servers().unzip();
         let files = OpenFiles::of(database.open_files()).map_err(sqlx::Error::Io)?;
         let shared = Arc::new(Shared {
@@ -283,12 +279,10 @@ impl Store {
             export_workers: [Notify::new(), Notify::new()],
             webhooks: Notify::new(),
             checks: Notify::new(),
-            #[cfg(feature = "postgres")]
             servers,
             limits,
             accounts,
         });
-        #[cfg(feature = "postgres")]
         if let Some(others) = others {
             others.talk(&shared);
         }
@@ -296,12 +290,7 @@ impl Store {
     }
 
     /// Whether this server does what only one of those that share the database may do.
-    #[cfg_attr(
-        not(feature = "postgres"),
-        expect(clippy::unused_self, reason = "no other database is built in")
-    )]
     pub(crate) fn is_leader(&self) -> bool {
-        #[cfg(feature = "postgres")]
         if let Some(servers) = &self.shared.servers {
             return servers.is_leader();
         }

@@ -119,7 +119,6 @@ impl Mark {
     ///
     /// # Errors
     /// As above.
-    #[cfg(feature = "postgres")]
     pub(super) async fn check_postgres(
         &self,
         connection: &mut sqlx::PgConnection,
@@ -150,7 +149,6 @@ fn is_other_database(error: &sqlx::Error) -> bool {
 /// Whether the tables are gone, or the database itself.
 fn has_no_tables(error: &sqlx::Error) -> bool {
     let sqlx::Error::Database(error) = error else { return matches!(error, sqlx::Error::RowNotFound) };
-    #[cfg(feature = "postgres")]
     if error.try_downcast_ref::<sqlx::postgres::PgDatabaseError>().is_some() {
         return matches!(error.code().as_deref(), Some("42P01" | "3D000"));
     }
@@ -302,7 +300,6 @@ impl Look<'_> {
         mark.check(&mut connection).await?;
         match connection {
             Connection::Sqlite(_) => connection.close().await?,
-            #[cfg(feature = "postgres")]
             kept @ Connection::Postgres(_) => self.kept = Some(kept),
         }
         Ok(())

@@ -14,7 +14,6 @@ const SCHEMA: i64 = 4;
 /// The tables in SQLite.
 const SQLITE: &str = include_str!("../../../../migrations/sqlite.sql");
 /// The tables in PostgreSQL.
-#[cfg(feature = "postgres")]
 const POSTGRES: &str = include_str!("../../../../migrations/postgres.sql");
 /// The last build that reads tables without a number.
 const READS_OLDER: &str = "Packstone 0.2.0 at commit 9f6917b";
@@ -112,7 +111,6 @@ pub(super) async fn read(tx: &mut Transaction<'_>, database: &Database) -> Resul
 async fn create(tx: &mut Transaction<'_>, clock: &Clock) -> Result<String, StoreError> {
     let text = match tx {
         Transaction::Sqlite(_) => SQLITE,
-        #[cfg(feature = "postgres")]
         Transaction::Postgres(_) => POSTGRES,
     };
     tx.run_script(text).await?;
@@ -250,7 +248,6 @@ mod tests {
         assert!(tables.len() == 6 && rows.len() > 110, "{tables:?} {}", rows.len());
     }
 
-    #[cfg(feature = "postgres")]
     #[tokio::test]
     async fn both_databases_have_the_same_columns_indices_and_triggers() {
         use std::collections::BTreeSet;

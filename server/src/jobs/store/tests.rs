@@ -3,14 +3,12 @@
 #![allow(clippy::unwrap_used)]
 
 use serde_json::json;
-#[cfg(feature = "postgres")]
 use sqlx::Connection as _;
 use tempfile::TempDir;
 
 use super::db::query;
 use super::*;
 use crate::accounts::{Quotas, Submitter};
-#[cfg(feature = "postgres")]
 use crate::exports::{NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
@@ -29,9 +27,7 @@ pub(super) async fn with_quotas(folder: &TempDir, limits: StoreLimits, quotas: Q
 
 /// The same; PostgreSQL as a service opens it, for which other servers may use it.
 pub(super) async fn open_shared(folder: &TempDir, limits: StoreLimits) -> Store {
-    #[cfg_attr(not(feature = "postgres"), allow(unused_mut))]
     let mut database = database(folder).await;
-    #[cfg(feature = "postgres")]
     if let Database::Postgres { is_shared, .. } = &mut database {
         *is_shared = true;
     }
@@ -40,7 +36,6 @@ pub(super) async fn open_shared(folder: &TempDir, limits: StoreLimits) -> Store 
 
 /// The database of a test: a file in its folder, or one of its own in the PostgreSQL that `PACKSTONE_TEST_POSTGRES`
 /// names, a URL without a database.
-#[cfg(feature = "postgres")]
 pub(super) async fn database(folder: &TempDir) -> Database {
     let Ok(server) = std::env::var("PACKSTONE_TEST_POSTGRES") else { return file_of(folder) };
     let server = db::postgres::options(&server).unwrap();
@@ -53,11 +48,6 @@ pub(super) async fn database(folder: &TempDir) -> Database {
     let created = sqlx::query(create).execute(&mut maintenance).await;
     assert!(created.is_ok() || created.unwrap_err().as_database_error().unwrap().code().unwrap() == "42P04");
     Database::Postgres { options: Box::new(server.database(&name)), is_shared: false }
-}
-
-#[cfg(not(feature = "postgres"))]
-pub(super) async fn database(folder: &TempDir) -> Database {
-    std::future::ready(file_of(folder)).await
 }
 
 /// Opens that file as this version does.
@@ -274,7 +264,6 @@ async fn recovery_counts_attempts_and_a_shutdown_does_not() {
 
 /// A request of the first run may reach the database late, after another server has begun a run of its own: with the
 /// number of its attempt the first result would be recorded, and the second written over its file.
-#[cfg(feature = "postgres")]
 #[tokio::test]
 async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
     let folder = tempfile::tempdir().unwrap();

@@ -40,7 +40,6 @@ impl QueryBuilder {
     }
 
     /// The same for a value that is one already.
-    #[cfg(feature = "postgres")]
     pub(in super::super) fn push_value(&mut self, value: Value) -> &mut Self {
         self.text.push('?');
         self.values.push(value);
@@ -82,7 +81,6 @@ impl RowOfValues<'_> {
     }
 
     /// The same for a value that is one already.
-    #[cfg(feature = "postgres")]
     pub(in super::super) fn push_value(&mut self, value: Value) -> &mut Self {
         self.separate();
         self.builder.push_value(value);

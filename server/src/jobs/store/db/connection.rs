@@ -31,7 +31,6 @@ pub(in super::super) async fn answered<T>(
 }
 
 /// A connection that nobody has used for so long is asked whether it is still there.
-#[cfg(feature = "postgres")]
 const ASK_AFTER: Duration = Duration::from_millis(500);
 
 /// What a commit survives.
@@ -47,7 +46,6 @@ pub(in super::super) enum Durability {
 #[derive(Clone, Debug)]
 pub(in super::super) enum Options {
     Sqlite(Box<SqliteConnectOptions>),
-    #[cfg(feature = "postgres")]
     Postgres(Box<sqlx::postgres::PgConnectOptions>),
 }
 
@@ -55,7 +53,6 @@ pub(in super::super) enum Options {
 #[derive(Debug)]
 pub(in super::super) enum Connection {
     Sqlite(SqliteConnection),
-    #[cfg(feature = "postgres")]
     Postgres(sqlx::PgConnection),
 }
 
@@ -63,7 +60,6 @@ pub(in super::super) enum Connection {
 #[derive(Clone, Debug)]
 pub(in super::super) enum Readers {
     Sqlite(SqlitePool, Damage),
-    #[cfg(feature = "postgres")]
     Postgres(sqlx::PgPool, Damage),
 }
 
@@ -72,12 +68,9 @@ pub(in super::super) enum Readers {
 pub(in super::super) enum Via<'c> {
     Sqlite(&'c mut SqliteConnection),
     SqliteReaders(&'c SqlitePool, &'c Damage),
-    #[cfg(feature = "postgres")]
     Postgres(&'c mut sqlx::PgConnection),
-    #[cfg(feature = "postgres")]
     PostgresReaders(&'c sqlx::PgPool, &'c Damage),
     /// A write outside a transaction, which gets one of its own.
-    #[cfg(feature = "postgres")]
     PostgresWriter {
         connection: &'c mut sqlx::PgConnection,
         durability: Durability,
@@ -95,7 +88,6 @@ impl Options {
     pub(in super::super) async fn connect(&self) -> Result<Connection, sqlx::Error> {
         match self {
             Self::Sqlite(options) => SqliteConnection::connect_with(options).await.map(Connection::Sqlite),
-            #[cfg(feature = "postgres")]
             Self::Postgres(options) => {
                 answered(sqlx::PgConnection::connect_with(options)).await.map(Connection::Postgres)
             }
@@ -112,7 +104,6 @@ impl Options {
                 let options = options.as_ref().clone().create_if_missing(false).read_only(true);
                 SqliteConnection::connect_with(&options).await.map(Connection::Sqlite)
             }
-            #[cfg(feature = "postgres")]
             Self::Postgres(_) => self.connect().await,
         }
     }
@@ -124,10 +115,6 @@ impl Options {
     /// The database's.
     pub(in super::super) async fn readers(
         &self,
-        #[cfg_attr(
-            not(feature = "postgres"),
-            expect(unused_variables, reason = "a file is compared otherwise")
-        )]
         mark: Option<&Mark>,
         damage: &Damage,
     ) -> Result<Readers, sqlx::Error> {
@@ -144,7 +131,6 @@ impl Options {
                     .connect_with(options.as_ref().clone().create_if_missing(false).read_only(true));
                 Ok(Readers::Sqlite(pool.await?, damage.clone()))
             }
-            #[cfg(feature = "postgres")]
             Self::Postgres(options) => {
                 let pool = super::postgres::readers(options, READERS, mark).await?;
                 Ok(Readers::Postgres(pool, damage.clone()))
@@ -156,11 +142,9 @@ impl Options {
 impl Connection {
     /// Whether it answers and is in no transaction. A transaction that was dropped is rolled back before it answers.
     /// A connection over a network that was `used` a moment ago is not asked.
-    #[cfg_attr(not(feature = "postgres"), expect(unused_variables, reason = "a file always answers at once"))]
     pub(in super::super) async fn is_idle(&mut self, used: Option<Instant>) -> bool {
         match self {
             Self::Sqlite(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
-            #[cfg(feature = "postgres")]
             Self::Postgres(connection) => {
                 (used.is_some_and(|used| used.elapsed() < ASK_AFTER) && !connection.is_in_transaction())
                     || (answered(connection.ping()).await.is_ok() && !connection.is_in_transaction())
@@ -184,7 +168,6 @@ impl Connection {
                 };
                 sqlx::query(pragma).execute(connection).await?;
             }
-            #[cfg(feature = "postgres")]
             Self::Postgres(_) => {}
         }
         Ok(())
@@ -195,13 +178,6 @@ impl Connection {
     ///
     /// # Errors
     /// The database's.
-    #[cfg_attr(
-        not(feature = "postgres"),
-        expect(
-            unused_variables,
-            reason = "SQLite is told of durability before, and has the clock of the process"
-        )
-    )]
     pub(in super::super) async fn begin_write(
         &mut self,
         durability: Durability,
@@ -211,7 +187,6 @@ impl Connection {
             Self::Sqlite(connection) => {
                 connection.begin_with("begin immediate").await.map(Transaction::Sqlite)
             }
-            #[cfg(feature = "postgres")]
             Self::Postgres(connection) => {
                 super::postgres::begin_write(connection, durability, clock).await.map(Transaction::Postgres)
             }
@@ -219,13 +194,6 @@ impl Connection {
     }
 
     /// The way of a single write.
-    #[cfg_attr(
-        not(feature = "postgres"),
-        expect(
-            unused_variables,
-            reason = "SQLite is told of durability before, and has the clock of the process"
-        )
-    )]
     pub(in super::super) fn via_write<'c>(
         &'c mut self,
         durability: Durability,
@@ -234,7 +202,6 @@ impl Connection {
     ) -> Via<'c> {
         match self {
             Self::Sqlite(connection) => Via::Sqlite(connection),
-            #[cfg(feature = "postgres")]
             Self::Postgres(connection) => Via::PostgresWriter { connection, durability, clock, unusable },
         }
     }
@@ -248,7 +215,6 @@ impl Connection {
             Self::Sqlite(connection) => {
                 sqlx::query("pragma wal_checkpoint(truncate)").execute(connection).await?;
             }
-            #[cfg(feature = "postgres")]
             Self::Postgres(_) => {}
         }
         Ok(())
@@ -261,7 +227,6 @@ impl Connection {
     pub(in super::super) async fn close(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(connection) => connection.close().await,
-            #[cfg(feature = "postgres")]
             Self::Postgres(connection) => connection.close().await,
         }
     }
@@ -275,7 +240,6 @@ impl Readers {
     pub(in super::super) async fn begin(&self) -> Result<Transaction<'static>, sqlx::Error> {
         match self {
             Self::Sqlite(pool, _) => pool.begin().await.map(Transaction::Sqlite),
-            #[cfg(feature = "postgres")]
             Self::Postgres(pool, _) => {
                 let begun =
                     answered(pool.begin_with("begin isolation level repeatable read read only")).await;
@@ -288,7 +252,6 @@ impl Readers {
     pub(in super::super) async fn close(&self) {
         match self {
             Self::Sqlite(pool, _) => pool.close().await,
-            #[cfg(feature = "postgres")]
             Self::Postgres(pool, _) => pool.close().await,
         }
     }
@@ -296,7 +259,6 @@ impl Readers {
     pub(super) fn via(&self) -> Via<'_> {
         match self {
             Self::Sqlite(pool, damage) => Via::SqliteReaders(pool, damage),
-            #[cfg(feature = "postgres")]
             Self::Postgres(pool, damage) => Via::PostgresReaders(pool, damage),
         }
     }

@@ -1,4 +1,4 @@
-//! The databases that the store can lie in: SQLite, and PostgreSQL with the feature `postgres`.
+//! The databases that the store can lie in: SQLite and PostgreSQL.
 //!
 //! The store has one text of SQL. Both databases know most of it; where they differ, a query has two texts
 //! ([`either()`]). A text marks its parameters as SQLite does, `?` in their order or `?1` by number. This module binds
@@ -7,13 +7,11 @@
 mod bind;
 mod builder;
 mod connection;
-#[cfg(feature = "postgres")]
 pub(super) mod postgres;
 mod row;
 mod statement;
 mod transaction;
 
-#[cfg(feature = "postgres")]
 pub(super) use bind::Value;
 pub(super) use builder::QueryBuilder;
 pub(super) use connection::{Connection, Durability, Options, Readers, Via, WAIT};

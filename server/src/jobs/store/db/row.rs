@@ -7,22 +7,14 @@ use sqlx::{ColumnIndex, Row as _};
 #[derive(Debug)]
 pub(in super::super) enum Row {
     Sqlite(SqliteRow),
-    #[cfg(feature = "postgres")]
     Postgres(sqlx::postgres::PgRow),
 }
 
 /// The name of a column, or its place from 0.
-#[cfg(not(feature = "postgres"))]
-pub(in super::super) trait Index: ColumnIndex<SqliteRow> {}
-#[cfg(not(feature = "postgres"))]
-impl<I: ColumnIndex<SqliteRow>> Index for I {}
-/// The name of a column, or its place from 0.
-#[cfg(feature = "postgres")]
 pub(in super::super) trait Index:
     ColumnIndex<SqliteRow> + ColumnIndex<sqlx::postgres::PgRow>
 {
 }
-#[cfg(feature = "postgres")]
 impl<I: ColumnIndex<SqliteRow> + ColumnIndex<sqlx::postgres::PgRow>> Index for I {}
 
 /// What a column can be read as.
@@ -50,7 +42,6 @@ impl Row {
     pub(in super::super) fn text(&self, index: impl Index) -> Result<&str, sqlx::Error> {
         match self {
             Self::Sqlite(row) => row.try_get(index),
-            #[cfg(feature = "postgres")]
             Self::Postgres(row) => row.try_get(index),
         }
     }
@@ -62,7 +53,6 @@ macro_rules! columns {
             fn read<I: Index>(row: &Row, index: I) -> Result<Self, sqlx::Error> {
                 match row {
                     Row::Sqlite(row) => row.try_get(index),
-                    #[cfg(feature = "postgres")]
                     Row::Postgres(row) => row.try_get(index),
                 }
             }

@@ -17,7 +17,6 @@ pub(in super::super) enum Text {
         /// For SQLite.
         sqlite: &'static str,
         /// For PostgreSQL.
-        #[cfg(feature = "postgres")]
         postgres: &'static str,
     },
     /// Put together by a [`super::QueryBuilder`]; both understand it.
@@ -25,19 +24,8 @@ pub(in super::super) enum Text {
 }
 
 /// A text for each of the databases.
-pub(in super::super) const fn either(
-    sqlite: &'static str,
-    #[cfg_attr(
-        not(feature = "postgres"),
-        expect(unused_variables, reason = "a build without that database")
-    )]
-    postgres: &'static str,
-) -> Text {
-    Text::Either {
-        sqlite,
-        #[cfg(feature = "postgres")]
-        postgres,
-    }
+pub(in super::super) const fn either(sqlite: &'static str, postgres: &'static str) -> Text {
+    Text::Either { sqlite, postgres }
 }
 
 impl From<&'static str> for Text {
@@ -54,7 +42,6 @@ impl Text {
         }
     }
 
-    #[cfg(feature = "postgres")]
     fn postgres(&self) -> SqlStr {
         let text = match self {
             Self::Same(text) | Self::Either { postgres: text, .. } => text,
@@ -94,7 +81,6 @@ impl<'s> Source<'s> for &'s mut Connection {
     fn via(self) -> Via<'s> {
         match self {
             Connection::Sqlite(connection) => Via::Sqlite(connection),
-            #[cfg(feature = "postgres")]
             Connection::Postgres(connection) => Via::Postgres(connection),
         }
     }
@@ -206,15 +192,12 @@ impl Query {
         let rows_affected = match via {
             Via::Sqlite(connection) => self.for_sqlite().execute(connection).await?.rows_affected(),
             Via::SqliteReaders(pool, _) => self.for_sqlite().execute(pool).await?.rows_affected(),
-            #[cfg(feature = "postgres")]
             Via::Postgres(connection) => {
                 answered(self.for_postgres().execute(connection)).await?.rows_affected()
             }
-            #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool, _) => {
                 answered(self.for_postgres().execute(pool)).await?.rows_affected()
             }
-            #[cfg(feature = "postgres")]
             Via::PostgresWriter { connection, durability, clock, unusable } => {
                 let begun = super::postgres::begin_write(connection, durability, clock).await;
                 *unusable = begun.is_err();
@@ -229,7 +212,6 @@ impl Query {
 
     async fn rows(self, via: Via<'_>) -> Result<Vec<Row>, sqlx::Error> {
         let of_sqlite = |rows: Vec<_>| rows.into_iter().map(Row::Sqlite).collect();
-        #[cfg(feature = "postgres")]
         let of_postgres = |rows: Vec<_>| rows.into_iter().map(Row::Postgres).collect();
         match via {
             Via::Sqlite(connection) => self.for_sqlite().fetch_all(connection).await.map(of_sqlite),
@@ -237,16 +219,13 @@ impl Query {
                 .await
                 .map(of_sqlite)
                 .inspect_err(|error| damage.note(error)),
-            #[cfg(feature = "postgres")]
             Via::Postgres(connection) => {
                 answered(self.for_postgres().fetch_all(connection)).await.map(of_postgres)
             }
-            #[cfg(feature = "postgres")]
             Via::PostgresReaders(pool, damage) => answered(self.for_postgres().fetch_all(pool))
                 .await
                 .map(of_postgres)
                 .inspect_err(|error| damage.note(error)),
-            #[cfg(feature = "postgres")]
             Via::PostgresWriter { connection, durability, clock, unusable } => {
                 let begun = super::postgres::begin_write(connection, durability, clock).await;
                 *unusable = begun.is_err();
@@ -273,7 +252,6 @@ impl Query {
 
     /// PostgreSQL has no texts with U+0000. None is stored, because names are lines of text and documents escape it;
     /// the character that stands for others finds as little.
-    #[cfg(feature = "postgres")]
     fn for_postgres(self) -> sqlx::query::Query<'static, sqlx::Postgres, sqlx::postgres::PgArguments> {
         let mut query = sqlx::query(self.text.postgres());
         for value in self.values {

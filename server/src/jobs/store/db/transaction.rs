@@ -3,7 +3,6 @@
 use sqlx::Sqlite;
 
 use super::connection::Via;
-#[cfg(feature = "postgres")]
 use super::connection::answered;
 use super::statement::Source;
 
@@ -11,7 +10,6 @@ use super::statement::Source;
 #[derive(Debug)]
 pub(in super::super) enum Transaction<'c> {
     Sqlite(sqlx::Transaction<'c, Sqlite>),
-    #[cfg(feature = "postgres")]
     Postgres(sqlx::Transaction<'c, sqlx::Postgres>),
 }
 
@@ -24,7 +22,6 @@ impl Transaction<'_> {
         let script = sqlx::raw_sql(text);
         match self {
             Self::Sqlite(tx) => script.execute(&mut **tx).await.map(drop),
-            #[cfg(feature = "postgres")]
             Self::Postgres(tx) => answered(script.execute(&mut **tx)).await.map(drop),
         }
     }
@@ -54,7 +51,6 @@ impl Transaction<'_> {
     pub(in super::super) async fn commit(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(tx) => tx.commit().await,
-            #[cfg(feature = "postgres")]
             Self::Postgres(tx) => answered(tx.commit()).await,
         }
     }
@@ -66,7 +62,6 @@ impl Transaction<'_> {
     pub(in super::super) async fn rollback(self) -> Result<(), sqlx::Error> {
         match self {
             Self::Sqlite(tx) => tx.rollback().await,
-            #[cfg(feature = "postgres")]
             Self::Postgres(tx) => answered(tx.rollback()).await,
         }
     }
@@ -76,7 +71,6 @@ impl<'s> Source<'s> for &'s mut Transaction<'_> {
     fn via(self) -> Via<'s> {
         match self {
             Transaction::Sqlite(tx) => Via::Sqlite(tx),
-            #[cfg(feature = "postgres")]
             Transaction::Postgres(tx) => Via::Postgres(tx),
         }
     }
