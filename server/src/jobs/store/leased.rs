@@ -29,6 +29,16 @@ pub(super) enum Kind {
     Export,
 }
 
+impl Kind {
+    /// What the names of the files of attempts end with.
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Job => "packstone",
+            Self::Export => "export",
+        }
+    }
+}
+
 impl From<Lease> for LeasedTask {
     fn from(lease: Lease) -> Self {
         Self { kind: Kind::Job, seq: lease.seq, attempt: lease.attempt }
@@ -145,6 +155,22 @@ macro_rules! note_file {
     };
 }
 
+/// A worker process may have sent a file of the attempt that could not be recorded: then nobody knows it.
+macro_rules! note_sent_file {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "insert into removals (path)
+             select substr(id, length(id) - 1) || '/' || id || '.' || attempt || '.' || ?3 from ",
+            $table,
+            " where seq = ?1 and attempt = ?2 and ",
+            $runs,
+            " and ",
+            $elsewhere,
+            " on conflict do nothing"
+        )
+    };
+}
+
 macro_rules! take_back {
     ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
@@ -196,7 +222,7 @@ impl LeasedTask {
     }
 
     /// Ends the run without a file, in the state `to` and with the failure as JSON, where there is one. Returns the
-    /// owner, and of a job also its place in a study.
+    /// owner, and of a job also its place in a study. A file that a worker process has sent is removed later.
     pub(super) async fn leave(
         self,
         store: &Store,
@@ -204,6 +230,12 @@ impl LeasedTask {
         error: Option<&str>,
         tx: &mut Transaction<'_>,
     ) -> Result<Row, StoreError> {
+        query(of_kind!(self.kind, note_sent_file))
+            .bind(self.seq)
+            .bind(self.attempt)
+            .bind(self.kind.ending())
+            .execute(&mut *tx)
+            .await?;
         query(of_kind!(self.kind, leave))
             .bind(to)
             .bind(store.now_us())
@@ -256,11 +288,12 @@ pub(super) async fn take_back(
     (leases_until, only_own): (i64, bool),
     tx: &mut Transaction<'_>,
 ) -> Result<Vec<Row>, StoreError> {
-    let ending = match kind {
-        Kind::Job => "packstone",
-        Kind::Export => "export",
-    };
-    query(of_kind!(kind, note_file)).bind(leases_until).bind(only_own).bind(ending).execute(&mut *tx).await?;
+    query(of_kind!(kind, note_file))
+        .bind(leases_until)
+        .bind(only_own)
+        .bind(kind.ending())
+        .execute(&mut *tx)
+        .await?;
     let taken_back = query(of_kind!(kind, take_back))
         .bind(store.now_us())
         .bind(leases_until)

@@ -90,6 +90,28 @@ async fn a_released_attempt_is_never_given_out_again() {
     ));
 }
 
+/// The answer to a result may be that it could not be recorded. The worker then ends its attempt without it, and the
+/// job may be deleted at once: the file must not be found as one of a job that the database does not know.
+#[tokio::test]
+async fn the_file_that_an_attempt_elsewhere_may_have_left_is_removed() {
+    let (_folder, store) = fresh().await;
+    let job = submit(&store, json!({})).await;
+    let first = store.claim_for(claim("a", 1)).await.unwrap().remove(0).lease;
+    store.requeue_after_fault(first, WaitReason::machine()).await.unwrap();
+    store.end_pauses(job.owner.clone()).await.unwrap();
+    let second = store.claim_for(claim("a", 1)).await.unwrap().remove(0).lease;
+    store.give_back(second).await.unwrap();
+    let third = store.claim_for(claim("a", 1)).await.unwrap().remove(0).lease;
+    store.fail(third, &Failure::internal(), Facts::default()).await.unwrap();
+    store.delete(job.id).await.unwrap();
+    let id = job.id.to_string();
+    let left = [1, 2, 3].map(|attempt| format!("{}/{id}.{attempt}.packstone", &id[id.len() - 2..]));
+    assert_eq!(store.removals(9).await.unwrap(), left);
+    for path in left {
+        assert!(store.is_removed(&path).await.unwrap());
+    }
+}
+
 #[tokio::test]
 async fn a_start_of_the_server_leaves_other_processes_their_jobs() {
     let folder = tempfile::tempdir().unwrap();
