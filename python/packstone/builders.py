@@ -98,9 +98,18 @@ class Grading(_Fields):
         return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
 
     @classmethod
-    def sieves(cls, points: Sequence[tuple[float, float]] | ArrayLike) -> Grading:
-        """A curve through sieves: pairs of the diameter in mm and the fraction passing, both rising to 1."""
-        return cls(type="sieves", points=points)
+    def sieves(
+        cls,
+        points: Sequence[tuple[float, float]] | ArrayLike,
+        between: Literal["log", "linear"] | None = None,
+    ) -> Grading:
+        """A curve through sieves: pairs of the diameter in mm and what passes it, in any order.
+
+        All passings are from 0 to 1, or all in percent. Where 90 % or more pass the coarsest sieve, the next one of
+        the series is added, with a warning. Between two sieves the passing is linear in the logarithm of the diameter,
+        or in the diameter (``"linear"``).
+        """
+        return cls(type="sieves", points=points, between=between)
 
     @classmethod
     def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
@@ -266,16 +275,19 @@ class Shape(_Fields):
 class Aggregate(_Fields):
     """One of several aggregates of a mix: a supply of grains with its own grading, shapes and density.
 
-    `share` is its share of the volume of all aggregate; the shares of a mix sum to 1. `d_min_mm` is a cut-off of its
-    own, that of the mix when absent. `shape` and `shapes` are as those of a :class:`Mix`.
+    `share` is its share of the volume of all aggregate; the shares of a mix sum to 1. In place of it, `mass_kg_m3` is
+    its mass in a cubic metre of concrete, for all aggregates of a mix, each with its density: the mix then has no
+    `volume_fraction`. `d_min_mm` is a cut-off of its own, that of the mix when absent. `shape` and `shapes` are as
+    those of a :class:`Mix`.
     """
 
     def __init__(
         self,
-        share: float,
-        grading: StandardCurve | Grading | Mapping[str, Any],
+        share: float | None = None,
+        grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
         *,
         name: str | None = None,
+        mass_kg_m3: float | None = None,
         density_kg_m3: float | None = None,
         d_min_mm: float | None = None,
         shape: Shape | Mapping[str, Any] | None = None,
@@ -284,6 +296,7 @@ class Aggregate(_Fields):
         super().__init__(
             name=name,
             share=share,
+            mass_kg_m3=mass_kg_m3,
             density_kg_m3=density_kg_m3,
             grading=_grading(grading),
             d_min_mm=d_min_mm,
@@ -301,12 +314,13 @@ def _shapes(shapes: Sequence[tuple[float, Shape]] | None) -> list[dict[str, Any]
 
 
 class Mix(_Fields):
-    """The aggregate: its grading, its smallest diameter and its amount.
+    """The aggregate: its grading, its smallest and largest diameter, and its amount.
 
     `grading` is a :class:`Grading` or the name of a standard curve; `aggregates` takes its place in a mix of several
     aggregates, each with its own grading and shapes. The amount is a `volume_fraction` (``"maximize"`` for as dense as
-    these grains get) or follows from `proportions`. `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the
-    default), including the part finer than `d_min_mm`, or ``placed_grains``.
+    these grains get) or follows from `proportions`, or from the masses of the aggregates. `volume_fraction_of` says
+    what the fraction counts: ``all_aggregate`` (the default), including the part finer than `d_min_mm` and that coarser
+    than `d_max_mm`, or ``placed_grains``.
 
     `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
     `size` says what a diameter is of grains that are not spheres: their ``sieve`` size (the default) or the
@@ -320,6 +334,7 @@ class Mix(_Fields):
         *,
         aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,
         d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
         proportions: Proportions | Mapping[str, Any] | None = None,
         volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
         allow_coarse: bool | None = None,
@@ -331,6 +346,7 @@ class Mix(_Fields):
         super().__init__(
             grading=_grading(grading),
             d_min_mm=d_min_mm,
+            d_max_mm=d_max_mm,
             aggregates=aggregates,
             volume_fraction=volume_fraction,
             proportions=proportions,

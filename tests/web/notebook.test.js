@@ -68,7 +68,7 @@ test("a notebook of JupyterLab shows a packing in the viewer", { ...inBrowser, s
     const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
     await page.goto(`${jupyter.url.origin}/lab/tree/first.ipynb${jupyter.url.search}`);
     // Cells that are run before the kernel is there are not run at all.
-    await page.waitForSelector("#jp-main-statusbar >> text=| Idle");
+    await page.waitForSelector("#jp-main-statusbar >> text=| Idle", { timeout: 120_000 });
     await page.getByRole("menuitem", { name: "Run", exact: true }).click();
     await page.getByRole("menuitem", { name: "Run All Cells", exact: true }).click();
     const frame = page.frameLocator(".jp-OutputArea iframe[title=Packing]");

@@ -27,7 +27,7 @@ use super::Extent;
 use crate::elementary::{ln, powf};
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::standard;
-use crate::request::{Grading, Mix, MixPart, PackingRequest, Specimen, VolumeFractionOf};
+use crate::request::{Between, Grading, Mix, MixPart, PackingRequest, SizeClass, Specimen, VolumeFractionOf};
 use crate::sorting;
 
 /// Sums of millions of volumes agree to this.
@@ -320,6 +320,7 @@ fn share_between(grading: &Grading, class: &ClassReport, low: f64, high: f64) ->
             let passing = |d: f64| powf(d, *exponent);
             (passing(high) - passing(low)) / (passing(class.d_max_mm) - passing(class.d_min_mm))
         }
+        Grading::Sieves { between: Between::Linear, .. } => (high - low) / (class.d_max_mm - class.d_min_mm),
         _ => ln(high / low) / ln(class.d_max_mm / class.d_min_mm),
     }
 }
@@ -348,9 +349,10 @@ fn class_of(classes: &[ClassReport], d: f64) -> Option<usize> {
 /// The classes of a part of a mix with the volumes that it asks for, and its diameters from the coarsest down where it
 /// lists them.
 fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f64>>) {
-    let least = |part: &MixPart<'_>| part.d_min_mm.unwrap_or(0.0);
+    let placed = |part: &MixPart<'_>| (part.d_min_mm.unwrap_or(0.0), mix.d_max_mm.unwrap_or(f64::INFINITY));
     if let Grading::Diameters { diameters_mm } = part.grading {
-        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least(part)).collect();
+        let (least, most) = placed(part);
+        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least && d <= most).collect();
         sorting::descending(&mut list);
         let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
         let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
@@ -367,41 +369,48 @@ fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassR
         VolumeFractionOf::PlacedGrains => {
             let parts = mix.parts();
             let kept = parts.iter().flat_map(|part| {
-                mass_shares(part.grading, least(part)).into_iter().map(|c| part.share * c.target_volume_mm3)
+                mass_shares(part.grading, placed(part)).into_iter().map(|c| part.share * c.target_volume_mm3)
             });
             fraction / kept.sum::<f64>()
         }
     };
-    let mut classes = mass_shares(part.grading, least(part));
+    let mut classes = mass_shares(part.grading, placed(part));
     for class in &mut classes {
         class.target_volume_mm3 *= part.share * all_aggregate * specimen_volume_mm3;
     }
     (classes, None)
 }
 
-/// The classes above the cut-off with their shares of the mass of all aggregate in place of volumes.
-fn mass_shares(grading: &Grading, d_min: f64) -> Vec<ClassReport> {
-    // Linear in ln d: the share of a class that is coarser than the cut-off.
-    let log_linear = |low: f64, high: f64, share: f64| {
-        let from = low.max(d_min);
-        let kept = if from > low { ln(high / from) / ln(high / low) } else { 1.0 };
-        (share > 0.0 && from < high).then(|| class((from, high), share * kept))
+/// The classes between the cut-off and the largest diameter with their shares of the mass of all aggregate in place of
+/// volumes.
+fn mass_shares(grading: &Grading, (d_min, d_max): (f64, f64)) -> Vec<ClassReport> {
+    // The share of a class that is placed: linear in ln d, or in d.
+    let kept = |low: f64, high: f64, share: f64, between: Between| {
+        let (from, to) = (low.max(d_min), high.min(d_max));
+        let kept = match between {
+            _ if from <= low && to >= high => 1.0,
+            Between::Log => ln(to / from) / ln(high / low),
+            Between::Linear => (to - from) / (high - low),
+        };
+        (share > 0.0 && from < to).then(|| class((from, to), share * kept))
     };
-    let of_points = |points: &[[f64; 2]]| {
-        points.windows(2).filter_map(|p| log_linear(p[0][0], p[1][0], p[1][1] - p[0][1])).collect()
+    let of_points = |points: &[[f64; 2]], between: Between| {
+        points.windows(2).filter_map(|p| kept(p[0][0], p[1][0], p[1][1] - p[0][1], between)).collect()
     };
     match grading {
-        Grading::Standard { name } => of_points(standard::points(*name)),
-        Grading::Sieves { points } => of_points(points),
+        Grading::Standard { name } => of_points(standard::points(*name), Between::Log),
+        Grading::Sieves { points, between, .. } => of_points(points, *between),
         Grading::Fuller { d_max_mm, exponent } => {
             let passing = |d: f64| powf(d / d_max_mm, *exponent);
-            between_sieves((d_min, *d_max_mm))
+            between_sieves((d_min, d_max_mm.min(d_max)))
                 .map(|(low, high)| class((low, high), passing(high) - passing(low)))
                 .collect()
         }
         Grading::Classes { classes } => {
-            classes.iter().filter_map(|c| log_linear(c.d_min_mm, c.d_max_mm, c.mass_fraction)).collect()
+            let of_class = |c: &SizeClass| kept(c.d_min_mm, c.d_max_mm, c.mass_fraction, Between::Log);
+            classes.iter().filter_map(of_class).collect()
         }
+        Grading::Monodisperse { diameter_mm } if *diameter_mm > d_max => Vec::new(),
         Grading::Monodisperse { diameter_mm } => vec![class((*diameter_mm, *diameter_mm), 1.0)],
         Grading::Diameters { .. } => Vec::new(),
     }

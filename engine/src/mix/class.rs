@@ -63,6 +63,21 @@ impl Class {
         })
     }
 
+    /// The part of the class below a largest diameter, if any is.
+    pub fn below(self, d_max: f64) -> Option<Self> {
+        if d_max >= self.high_mm {
+            return Some(self);
+        }
+        if d_max <= self.low_mm {
+            return None;
+        }
+        Some(Self {
+            high_mm: d_max,
+            mass_fraction: self.mass_fraction * self.mass_share(self.low_mm, d_max),
+            ..self
+        })
+    }
+
     /// The class in parts of at most a twelfth of an octave, with the same law.
     pub fn narrow(&self) -> Vec<Self> {
         let octaves = log2(self.high_mm / self.low_mm);

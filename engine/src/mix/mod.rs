@@ -15,7 +15,7 @@ pub mod sieve;
 mod templates;
 
 use crate::elementary::{cbrt, ln, powf};
-use crate::request::{Grading, GrainKind, Mix, VolumeFractionOf, standard};
+use crate::request::{Between, Grading, GrainKind, Mix, VolumeFractionOf, standard};
 use crate::sorting;
 use class::{Class, Law};
 pub use deviation::MAX_DEVIATION;
@@ -75,7 +75,9 @@ impl GradedMix {
         let mut sieve_classes = Vec::new();
         for (number, part) in parts.iter().enumerate() {
             let above = classes_above(part.grading, part.d_min_mm.unwrap_or(0.0));
-            sieve_classes.extend(above.into_iter().map(|class| Class {
+            let placed =
+                above.into_iter().filter_map(|class| class.below(mix.d_max_mm.unwrap_or(f64::INFINITY)));
+            sieve_classes.extend(placed.map(|class| Class {
                 mass_fraction: part.share * class.mass_fraction,
                 part: number as u16,
                 ..class
@@ -110,8 +112,7 @@ impl GradedMix {
     }
 
     fn from_list(mm: &[f64], mix: &Mix, specimen_volume_mm3: f64) -> Self {
-        let mut list: Vec<f64> =
-            mm.iter().copied().filter(|&d| mix.d_min_mm.is_none_or(|m| d >= m)).collect();
+        let mut list: Vec<f64> = mm.iter().copied().filter(|&d| mix.places_mm(d)).collect();
         sorting::descending(&mut list);
         let shapes = ShapeSampler::new(mix, &[], Some(&list));
         let all: f64 = mm.iter().map(|&d| expected_volume_mm3(d, shapes.as_ref())).sum();
@@ -252,8 +253,15 @@ fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
 /// The classes of a grading above the cut-off, from fine to coarse.
 fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
     match grading {
-        Grading::Standard { name } => piecewise(standard::points(*name), d_min),
-        Grading::Sieves { points } => piecewise(points, d_min),
+        Grading::Standard { name } => piecewise(standard::points(*name), Law::LogUniform, d_min),
+        Grading::Sieves { points, between, .. } => {
+            // A curve that is linear in d has the density of Fuller's with the exponent 1.
+            let law = match between {
+                Between::Log => Law::LogUniform,
+                Between::Linear => Law::Fuller { exponent: 1.0 },
+            };
+            piecewise(points, law, d_min)
+        }
         Grading::Fuller { d_max_mm, exponent } => fuller(*d_max_mm, *exponent, d_min),
         Grading::Classes { classes } => classes
             .iter()
@@ -283,14 +291,13 @@ fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
     }
 }
 
-fn piecewise(points: &[[f64; 2]], d_min: f64) -> Vec<Class> {
+fn piecewise(points: &[[f64; 2]], law: Law, d_min: f64) -> Vec<Class> {
     points
         .windows(2)
         .filter_map(|pair| {
             let [[low_mm, below], [high_mm, above]] = [pair[0], pair[1]];
             let mass_fraction = above - below;
-            let class =
-                Class { law: Law::LogUniform, low_mm, high_mm, mass_fraction, volume_ratio: 1.0, part: 0 };
+            let class = Class { law, low_mm, high_mm, mass_fraction, volume_ratio: 1.0, part: 0 };
             if class.mass_fraction > 0.0 { class.above(d_min) } else { None }
         })
         .collect()

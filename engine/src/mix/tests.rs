@@ -39,6 +39,34 @@ const KNOWN: [(&str, f64, f64, Option<f64>); 14] = [
     ("C16", 4.0, 4_598.0, None),
 ];
 
+/// Shares in closed form: of Fuller's curve to 20 mm with the exponent 1/2 between 5 and 15 mm, and of a curve that is
+/// linear in the diameter.
+#[test]
+fn the_largest_diameter_and_the_law_between_sieves_have_their_shares() {
+    let read = |mix: serde_json::Value| {
+        let request = json!({"specimen": {"type": "box", "size_mm": [150, 150, 150]}, "mix": mix});
+        GradedMix::new(&PackingRequest::from_json(&request, 1).unwrap().mix, CUBE_150)
+    };
+    let fuller = json!({"type": "fuller", "d_max_mm": 20, "exponent": 0.5});
+    let graded = read(json!({"grading": fuller, "d_min_mm": 5, "d_max_mm": 15, "volume_fraction": 0.7}));
+    let share = (15.0_f64 / 20.0).sqrt() - (5.0_f64 / 20.0).sqrt();
+    assert!((graded.volume_fraction_effective - 0.7 * share).abs() < 1e-14);
+    assert_eq!((graded.d_min_mm, graded.d_max_mm), (5.0, 15.0));
+
+    let points = json!([[2, 0], [10, 0.4], [20, 1]]);
+    let linear = json!({"type": "sieves", "points": points, "between": "linear"});
+    let graded = read(json!({"grading": linear, "d_min_mm": 4, "d_max_mm": 16, "volume_fraction": 0.7}));
+    let share = 0.4 * 6.0 / 8.0 + 0.6 * 6.0 / 10.0;
+    assert!((graded.volume_fraction_effective - 0.7 * share).abs() < 1e-14);
+    // The number of grains of a law F' = const between a and b is V (a^-2 - b^-2) / (2 (b - a)) / (pi/6).
+    let class = graded.sieve_classes[0];
+    let expected = (4.0_f64.powi(-2) - 10.0_f64.powi(-2)) / (2.0 * 6.0) / std::f64::consts::FRAC_PI_6;
+    assert!((class.grains_per_volume() / expected - 1.0).abs() < 1e-12);
+
+    let list = read(json!({"grading": {"type": "diameters", "diameters_mm": [4, 8, 16]}, "d_max_mm": 8}));
+    assert_eq!(list.list, Some(vec![8.0, 4.0]));
+}
+
 #[test]
 fn expected_counts_are_the_published_ones() {
     for (name, d_min, grains, effective) in KNOWN {

@@ -469,6 +469,9 @@ fn unlikely(case: &Case<'_>, likely: &MethodEstimate) -> Option<String> {
 pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix) -> Vec<String> {
     let grains = mix.expected_grains();
     let mut warnings = Vec::new();
+    for part in request.mix.parts() {
+        warnings.extend(part.grading.completions());
+    }
     if let (true, Some(wall_gap_mm)) = (request.specimen.is_periodic(), request.distance.wall_gap_mm()) {
         warnings.push(format!(
             "distance.wall_gap_mm, {wall_gap_mm} mm, has no effect: a periodic box has no walls"

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::decode::{At, Bound, Object, all, bounded, rounded};
 use super::grading::{check_d_min, described_range, read_d_min, read_grading};
-use super::proportions::DENSITY;
+use super::proportions::{DENSITY, MASS};
 use super::shape::read_mix_shapes;
 use super::{DEFAULT_D_MIN_MM, Grading, GrainShape, Mix, ShapeClass};
 
@@ -52,7 +52,10 @@ pub struct Aggregate {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<GrainShape>,
     /// The shapes by size, in place of `shape`.
-    #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, value_type = super::schema::OneOrMore<ShapeClass>)
+    )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<ShapeClass>,
 }
@@ -119,6 +122,12 @@ impl Mix {
         whole.chain(parts).collect()
     }
 
+    /// Whether grains of this diameter in mm are placed, by the cut-off and the largest diameter of the mix.
+    #[must_use]
+    pub fn places_mm(&self, d_mm: f64) -> bool {
+        self.d_min_mm.is_none_or(|least| d_mm >= least) && self.d_max_mm.is_none_or(|most| d_mm <= most)
+    }
+
     /// The diameters of all grains in mm, where the mix lists them.
     #[must_use]
     pub fn listed_diameters_mm(&self) -> Option<&[f64]> {
@@ -140,12 +149,36 @@ pub fn mean_density_kg_m3(aggregates: &[Aggregate]) -> Option<f64> {
     (volume > 0.0).then(|| mass / volume)
 }
 
+/// The aggregates of a mix, and their mass.
+pub(super) struct Aggregates {
+    pub(super) list: Vec<Aggregate>,
+    /// Mass of all in a cubic metre of concrete, in kg, where each was given by its mass.
+    pub(super) mass_kg_m3: Option<f64>,
+}
+
 /// Reads the aggregates of a mix that has this cut-off.
 ///
 /// `None` means that faults were reported.
-pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Vec<Aggregate>> {
+pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Aggregates> {
     let items = bounded(at, "aggregates", MAX_AGGREGATES)?;
-    let aggregates = all(items.iter().map(|item| read_aggregate(&item, d_min_mm)))?;
+    let read = all(items.iter().map(|item| read_aggregate(&item, d_min_mm)))?;
+    let mass_kg_m3 = all(read.iter().map(|(_, mass_kg_m3)| *mass_kg_m3)).map(|masses| masses.iter().sum());
+    let with_mass = read.iter().filter(|(_, mass_kg_m3)| mass_kg_m3.is_some()).count();
+    if with_mass != 0 && with_mass != read.len() {
+        at.fault(format!(
+            "{with_mass} of {} aggregates have a mass_kg_m3: must be given for all, in place of share, or for none",
+            read.len()
+        ));
+        return None;
+    }
+    let mut aggregates: Vec<Aggregate> = read.into_iter().map(|(aggregate, _)| aggregate).collect();
+    if mass_kg_m3.is_some() {
+        // Volumes so far.
+        let all_m3: f64 = aggregates.iter().map(|aggregate| aggregate.share).sum();
+        for aggregate in &mut aggregates {
+            aggregate.share /= all_m3;
+        }
+    }
     for (number, aggregate) in aggregates.iter().enumerate() {
         let same = |other: &Aggregate| other.name.is_some() && other.name == aggregate.name;
         if aggregates[..number].iter().any(same) {
@@ -179,27 +212,41 @@ pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Vec<
         ));
         return None;
     }
-    Some(aggregates)
+    Some(Aggregates { list: aggregates, mass_kg_m3 })
 }
 
-fn read_aggregate(at: &At<'_>, of_mix_mm: Option<f64>) -> Option<Aggregate> {
+/// Reads an aggregate, with its mass in a cubic metre of concrete where it is given in place of its share: the share is
+/// then its volume in m³.
+fn read_aggregate(at: &At<'_>, of_mix_mm: Option<f64>) -> Option<(Aggregate, Option<f64>)> {
     let mut object = at.object()?;
     let name = match object.optional("name") {
         Some(at) => read_name(&at).map(Some),
         None => Some(None),
     };
-    let share = object.required("share").and_then(|at| at.number(SHARE));
-    let density_kg_m3 = match object.optional("density_kg_m3") {
+    let mass_at = object.optional("mass_kg_m3");
+    let share_at = if mass_at.is_some() { object.optional("share") } else { object.required("share") };
+    if let (Some(_), Some(at)) = (&mass_at, &share_at) {
+        at.fault("follows from mass_kg_m3 and density_kg_m3: leave one of share and mass_kg_m3 out");
+    }
+    let mass_kg_m3 = mass_at.as_ref().map(|at| at.number(MASS));
+    let density_at =
+        if mass_at.is_some() { object.required("density_kg_m3") } else { object.optional("density_kg_m3") };
+    let density_kg_m3 = match density_at {
         Some(at) => at.number(DENSITY).map(Some),
         None => Some(None),
     };
+    let share = match (&mass_kg_m3, density_kg_m3) {
+        (Some(mass), Some(Some(density))) => mass.map(|mass| mass / density),
+        (Some(_), _) => None,
+        (None, _) => share_at.and_then(|at| at.number(SHARE)),
+    };
     let grading_at = object.required("grading");
-    let grading = grading_at.as_ref().and_then(read_grading);
-    let d_min_mm = read_cut_off(&mut object, grading_at.as_ref(), grading.as_ref(), of_mix_mm);
+    let mut grading = grading_at.as_ref().and_then(read_grading);
+    let d_min_mm = read_cut_off(&mut object, grading_at.as_ref(), grading.as_mut(), of_mix_mm);
     let shapes = read_mix_shapes(&mut object);
     object.finish();
     let shapes = shapes?;
-    Some(Aggregate {
+    let aggregate = Aggregate {
         name: name?,
         share: share?,
         density_kg_m3: density_kg_m3?,
@@ -207,7 +254,8 @@ fn read_aggregate(at: &At<'_>, of_mix_mm: Option<f64>) -> Option<Aggregate> {
         d_min_mm: d_min_mm?,
         shape: shapes.of_all,
         shapes: shapes.by_size,
-    })
+    };
+    Some((aggregate, mass_kg_m3.flatten()))
 }
 
 /// The cut-off of an aggregate's own; none where that of the mix holds.
@@ -215,7 +263,7 @@ fn read_aggregate(at: &At<'_>, of_mix_mm: Option<f64>) -> Option<Aggregate> {
 fn read_cut_off(
     object: &mut Object<'_>,
     grading_at: Option<&At<'_>>,
-    grading: Option<&Grading>,
+    grading: Option<&mut Grading>,
     of_mix_mm: Option<f64>,
 ) -> Option<Option<f64>> {
     let d_min_at = object.optional("d_min_mm");

@@ -105,6 +105,82 @@ fn mass_ratios_take_the_mean_density_of_the_aggregates() {
     );
 }
 
+/// The same by kilograms in a cubic metre: 830 kg of sand of 2600 kg/m³ and 950 kg of gravel of 2700 kg/m³.
+fn by_mass() -> Value {
+    json!({
+        "d_min_mm": 4.0,
+        "aggregates": [
+            {"name": "sand", "mass_kg_m3": 830, "density_kg_m3": 2600,
+             "grading": {"type": "sieves", "points": [[0.25, 0.0], [4.0, 1.0]]}},
+            {"name": "gravel", "mass_kg_m3": 950, "density_kg_m3": 2700,
+             "grading": {"type": "sieves", "points": [[4.0, 0.0], [8.0, 1.0]]}},
+        ],
+    })
+}
+
+#[test]
+fn kilograms_in_a_cubic_metre_give_shares_and_the_volume_fraction() {
+    let (sand, gravel) = (830.0 / 2600.0, 950.0 / 2700.0);
+    let read = mix(&by_mass()).unwrap();
+    let shares: Vec<f64> = read.aggregates.iter().map(|aggregate| aggregate.share).collect();
+    assert!(
+        (shares[0] - sand / (sand + gravel)).abs() < 1e-15 && (shares[1] + shares[0] - 1.0).abs() < 1e-15
+    );
+    assert!((read.requested_fraction().unwrap() - (sand + gravel)).abs() < 1e-15);
+    // What is stored is read again.
+    let value = serde_json::to_value(&read).unwrap();
+    assert_eq!(mix(&value).unwrap(), read);
+
+    // Beside the paste the air is what all parts leave.
+    let mut with_paste = by_mass();
+    with_paste["proportions"] = json!({"cement_kg_m3": 330, "water_cement": 0.55});
+    let read = mix(&with_paste).unwrap();
+    assert!((read.requested_fraction().unwrap() - (sand + gravel)).abs() < 1e-12);
+    assert_eq!((read.proportions.as_ref().unwrap().air, read.volume_fraction), (None, None));
+    assert_eq!(mix(&serde_json::to_value(&read).unwrap()).unwrap(), read);
+}
+
+#[test]
+fn masses_that_fit_no_cubic_metre_or_nothing_else_are_refused() {
+    let changed = |pointer: &str, value: Value| {
+        let mut changed = by_mass();
+        match pointer.rsplit_once('/').unwrap() {
+            ("", field) => changed[field] = value,
+            (parent, field) => changed.pointer_mut(parent).unwrap()[field] = value,
+        }
+        mix(&changed).unwrap_err()
+    };
+    for (pointer, value, expected) in [
+        ("/volume_fraction", json!(0.6), "/mix/volume_fraction: follows from the mass_kg_m3"),
+        ("/aggregates/0/share", json!(0.4), "/mix/aggregates/0/share: follows from mass_kg_m3"),
+        ("/aggregates/0/mass_kg_m3", Value::Null, "/mix/aggregates/0/share: is missing"),
+        ("/aggregates/1/density_kg_m3", Value::Null, "/mix/aggregates/1/density_kg_m3: is null"),
+        (
+            "/aggregates/0/mass_kg_m3",
+            json!(2600),
+            "/mix/aggregates: the masses of a cubic metre fill 1.3519 m3",
+        ),
+        (
+            "/proportions",
+            json!({"cement_kg_m3": 330, "water_cement": 0.5, "air": 0.02}),
+            "/mix/proportions/air: where the mass of the aggregate is given",
+        ),
+        (
+            "/proportions",
+            json!({"cement_kg_m3": 330, "water_cement": 0.5, "aggregate_cement": 5}),
+            "/mix/proportions/aggregate_cement: follows from the mass_kg_m3",
+        ),
+        (
+            "/proportions",
+            json!({"cement_kg_m3": 1, "water_cement": 0.5}),
+            "/mix/proportions: 1780 kg of aggregate and 1 kg of cement",
+        ),
+    ] {
+        let faults = changed(pointer, value);
+        assert!(faults[0].starts_with(expected), "{faults:?} instead of {expected}");
+    }
+}
+
 #[test]
 fn every_fault_names_field_value_and_bound() {
     let list = json!({"type": "diameters", "diameters_mm": [8.0]});

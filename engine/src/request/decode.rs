@@ -221,6 +221,15 @@ impl<'a> At<'a> {
         }
     }
 
+    /// The items of the list here: of an array, or the one element that stands in place of a list of one, as MATLAB and
+    /// R write it.
+    pub fn list(&self) -> Option<Items<'a>> {
+        match self.value {
+            Value::Array(_) => self.array(),
+            one => Some(Items { at: self.clone(), values: std::slice::from_ref(one) }),
+        }
+    }
+
     /// The items of an array of exactly `N` items.
     pub fn array_of<const N: usize>(&self) -> Option<[At<'a>; N]> {
         let items = self.array()?;
@@ -290,7 +299,7 @@ impl<'a> At<'a> {
     }
 }
 
-/// The items of an array. An item gets its pointer when it is visited: an array may hold a million numbers.
+/// The items of an array, or one element in place of a list. An item gets its pointer when it is visited: an array may hold a million numbers.
 #[derive(Clone, Debug)]
 pub struct Items<'a> {
     at: At<'a>,
@@ -313,7 +322,11 @@ impl<'a> Items<'a> {
     /// # Panics
     /// If `i` is not below [`len`](Self::len).
     pub fn at(&self, i: usize) -> At<'a> {
-        self.at.child(&i.to_string(), &self.values[i])
+        if self.at.value.is_array() {
+            self.at.child(&i.to_string(), &self.values[i])
+        } else {
+            At { value: &self.values[i], ..self.at.clone() }
+        }
     }
 
     /// The items in their order.
@@ -411,9 +424,9 @@ pub(super) fn all<T>(values: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> 
     values.into_iter().collect()
 }
 
-/// The items of an array of 1 to `max`.
+/// The items of a list of 1 to `max`.
 pub(super) fn bounded<'a>(at: &At<'a>, what: &str, max: usize) -> Option<Items<'a>> {
-    let items = at.array()?;
+    let items = at.list()?;
     if items.is_empty() {
         at.fault(format!("has 0 {what}: must have at least 1"));
         return None;

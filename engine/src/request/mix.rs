@@ -1,8 +1,8 @@
 //! Reads the mix out of JSON.
 
-use super::aggregate::{Aggregate, mean_density_kg_m3, read_aggregates};
+use super::aggregate::{Aggregates, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
-use super::grading::{check_d_min, read_d_min, read_grading};
+use super::grading::{LENGTH, check_d_min, described_range, read_d_min, read_grading};
 use super::proportions::{MixProportions, read_proportions};
 use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
 use super::{
@@ -19,8 +19,13 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     let mut object = at.object()?;
     let d_min_at = object.optional("d_min_mm");
     let d_min = read_d_min(d_min_at.as_ref());
+    let d_max_at = object.optional("d_max_mm");
+    let d_max = match &d_max_at {
+        Some(at) => at.number(LENGTH).map(Some),
+        None => Some(None),
+    };
     let aggregates_at = object.optional("aggregates");
-    let (grading, grading_at, aggregates) = if let Some(at) = &aggregates_at {
+    let (mut grading, grading_at, aggregates) = if let Some(at) = &aggregates_at {
         for field in ["grading", "shape", "shapes"] {
             if let Some(at) = object.optional(field) {
                 at.fault("the mix has aggregates, each with its own: leave this field out");
@@ -30,11 +35,11 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         (None, None, d_min.and_then(|d_min| read_aggregates(at, d_min)))
     } else {
         let at = object.required("grading");
-        (at.as_ref().and_then(read_grading), at, Some(Vec::new()))
+        (at.as_ref().and_then(read_grading), at, Some(Aggregates { list: Vec::new(), mass_kg_m3: None }))
     };
     // By its name, for a list with a fault in it is a list too.
     let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
-    let (volume_fraction, proportions) = read_amount(&mut object, is_list, aggregates.as_deref());
+    let (volume_fraction, proportions) = read_amount(&mut object, is_list, aggregates.as_ref());
     let volume_fraction_of = match object.optional("volume_fraction_of") {
         Some(at) => {
             let volume_fraction_of = at.choice(&[
@@ -67,11 +72,11 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     };
     let shape_at = object.optional("shape").or_else(|| object.optional("shapes")).or(aggregates_at);
     object.finish();
-    let (d_min, shapes) = (d_min?, shapes?);
+    let (d_min, d_max, shapes) = (d_min?, d_max?, shapes?);
     let d_min_mm = match grading_at {
         None => d_min,
         Some(grading_at) => {
-            let grading = grading.as_ref()?;
+            let grading = grading.as_mut()?;
             check_d_min(grading, d_min, d_min_at.as_ref().unwrap_or(&grading_at))?;
             let has_default = matches!(grading, Grading::Standard { .. } | Grading::Fuller { .. });
             d_min.or(has_default.then_some(DEFAULT_D_MIN_MM))
@@ -80,7 +85,8 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     let mix = Mix {
         grading,
         d_min_mm,
-        aggregates: aggregates?,
+        d_max_mm: d_max,
+        aggregates: aggregates?.list,
         volume_fraction,
         proportions,
         volume_fraction_of: volume_fraction_of?,
@@ -90,6 +96,9 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         size: size?,
         orientation: orientation?,
     };
+    if let (Some(at), Some(d_max)) = (&d_max_at, d_max) {
+        check_d_max(at, d_max, &mix)?;
+    }
     if let Some(at) = &shape_at {
         judge_templates(at, &mix)?;
     }
@@ -100,11 +109,28 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     Some(mix)
 }
 
+/// The largest diameter must leave something to place.
+fn check_d_max(at: &At<'_>, d_max_mm: f64, mix: &Mix) -> Option<()> {
+    let is_left = match mix.listed_diameters_mm() {
+        Some(list) => list.iter().any(|&d| mix.places_mm(d)),
+        None => mix.parts().iter().any(|part| {
+            let (low, high) = described_range(part.grading);
+            let least = part.d_min_mm.unwrap_or(0.0).max(low);
+            // Equal grains have a diameter and no range.
+            if low < high { least < d_max_mm && least < high } else { high <= d_max_mm }
+        }),
+    };
+    if !is_left {
+        at.fault(format!("{d_max_mm} is out of range: no grain of the mix lies between its d_min_mm and it"));
+    }
+    is_left.then_some(())
+}
+
 /// The amount of aggregate: exactly one of its two forms, and none beside an explicit list but the largest.
 fn read_amount(
     object: &mut Object<'_>,
     is_list: bool,
-    aggregates: Option<&[Aggregate]>,
+    aggregates: Option<&Aggregates>,
 ) -> (Option<VolumeFraction>, Option<MixProportions>) {
     let content_at = object.optional("proportions");
     if is_list {
@@ -121,8 +147,24 @@ fn read_amount(
         }
         return (maximizes.then_some(VolumeFraction::Maximize), None);
     }
+    let mass_kg_m3 = aggregates.and_then(|aggregates| aggregates.mass_kg_m3);
+    let density_kg_m3 = aggregates.and_then(|aggregates| mean_density_kg_m3(&aggregates.list));
     let Some(content_at) = content_at else {
-        return (object.required("volume_fraction").and_then(|at| read_volume_fraction(&at)), None);
+        let (Some(mass), Some(density)) = (mass_kg_m3, density_kg_m3) else {
+            return (object.required("volume_fraction").and_then(|at| read_volume_fraction(&at)), None);
+        };
+        if let Some(at) = object.optional("volume_fraction") {
+            at.fault("follows from the mass_kg_m3 of the aggregates: leave this field out");
+        }
+        let fraction = mass / density;
+        if fraction > 1.0 {
+            object.at().fault_below(
+                "/aggregates",
+                format!("the masses of a cubic metre fill {fraction:.4} m3: must fill at most 1"),
+            );
+            return (None, None);
+        }
+        return (Some(VolumeFraction::Of(fraction)), None);
     };
     if let Some(at) = object.optional("volume_fraction") {
         if at.value() == MAXIMIZE {
@@ -134,8 +176,7 @@ fn read_amount(
         }
         return (None, None);
     }
-    let density_kg_m3 = aggregates.and_then(mean_density_kg_m3);
-    (None, read_proportions(&content_at, density_kg_m3))
+    (None, read_proportions(&content_at, density_kg_m3, mass_kg_m3))
 }
 
 fn read_volume_fraction(at: &At<'_>) -> Option<VolumeFraction> {

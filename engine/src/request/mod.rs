@@ -19,6 +19,7 @@ mod read;
 mod schema;
 pub mod segregation;
 pub mod shape;
+mod sieves;
 pub mod standard;
 
 use serde::Serialize;
@@ -28,6 +29,7 @@ pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
+pub use grading::{Between, Grading, SizeClass, StandardCurve};
 pub use materials::{Material, Materials};
 pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};
@@ -206,8 +208,17 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
-    /// Several aggregates, each with its own grading and shapes, in place of `grading`, `shape` and `shapes`.
-    #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
+    /// Largest diameter that is placed: coarser grains count in `all_aggregate` and are not placed. All that the grading
+    /// describes when absent.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub d_max_mm: Option<f64>,
+    /// Several aggregates, at most 16, each with its own grading and shapes, in place of `grading`, `shape` and
+    /// `shapes`.
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, value_type = schema::OneOrMore<schema::AggregateInput>)
+    )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aggregates: Vec<Aggregate>,
     /// Volume of the aggregate over that of the specimen, or `"maximize"`: as dense as these grains get. Either this or
@@ -236,7 +247,7 @@ pub struct Mix {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shape: Option<GrainShape>,
     /// The shapes by size, in place of `shape`.
-    #[cfg_attr(feature = "openapi", schema(required = false, max_items = 16))]
+    #[cfg_attr(feature = "openapi", schema(required = false, value_type = schema::OneOrMore<ShapeClass>))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<ShapeClass>,
     /// What the diameters of the grading, the cut-off and the size classes are of grains that are no spheres.
@@ -307,84 +318,6 @@ pub enum VolumeFractionOf {
     AllAggregate,
     /// Only the grains that are placed (`phi_eff`).
     PlacedGrains,
-}
-
-/// The cumulative mass fraction passing each diameter, in one of its usual forms.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Grading {
-    /// A standard curve of DIN 1045-2.
-    Standard {
-        /// Which one.
-        name: StandardCurve,
-    },
-    /// Fuller's curve `F(d) = (d / d_max)^exponent`.
-    Fuller {
-        /// Largest diameter.
-        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
-        d_max_mm: f64,
-        /// Exponent; 0.5 is Fuller's own.
-        #[cfg_attr(feature = "openapi", schema(minimum = 0.01, maximum = 1))]
-        exponent: f64,
-    },
-    /// Sieves of the user's: `[diameter in mm, passing 0..1]`, both rising, the last passing 1.
-    /// Between two sieves the passing is linear in the logarithm of the diameter.
-    Sieves {
-        /// The points of the curve, at least two.
-        #[cfg_attr(feature = "openapi", schema(schema_with = schema::points))]
-        points: Vec<[f64; 2]>,
-    },
-    /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
-    Classes {
-        /// The classes, which must not overlap.
-        #[cfg_attr(feature = "openapi", schema(min_items = 1, max_items = 1000))]
-        classes: Vec<SizeClass>,
-    },
-    /// Equal spheres.
-    Monodisperse {
-        /// Their diameter.
-        #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
-        diameter_mm: f64,
-    },
-    /// An explicit list; its volume is the mix's.
-    Diameters {
-        /// Diameter of every grain, in any order.
-        #[cfg_attr(feature = "openapi", schema(schema_with = schema::diameters_mm))]
-        diameters_mm: Vec<f64>,
-    },
-}
-
-/// The grading curves of DIN 1045-2.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[allow(missing_docs)]
-pub enum StandardCurve {
-    A8,
-    B8,
-    C8,
-    A16,
-    B16,
-    C16,
-    A32,
-    B32,
-    C32,
-}
-
-/// One size class of a mix.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(deny_unknown_fields)]
-pub struct SizeClass {
-    /// Lower bound of the diameter.
-    #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
-    pub d_min_mm: f64,
-    /// Upper bound of the diameter.
-    #[cfg_attr(feature = "openapi", schema(minimum = 1e-6, maximum = 1e6))]
-    pub d_max_mm: f64,
-    /// Share of the whole aggregate's mass.
-    #[cfg_attr(feature = "openapi", schema(minimum = 1e-9, maximum = 1))]
-    pub mass_fraction: f64,
 }
 
 /// The clear distance `g(i, j)` between two grains, and that to the walls (`docs/method.md`, section 3).

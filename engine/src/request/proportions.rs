@@ -19,7 +19,8 @@ pub const AIR: f64 = 0.03;
 
 /// Most additions of a mix.
 const MAX_ADDITIONS: usize = 100;
-const MASS: Bound = Bound::positive(10_000.0, "kg/m3");
+/// Mass of a part in a cubic metre of concrete.
+pub(super) const MASS: Bound = Bound::positive(10_000.0, "kg/m3");
 /// Density of a material.
 pub(super) const DENSITY: Bound = Bound::closed(100.0, 30_000.0, "kg/m3");
 const WATER_RATIO: Bound = Bound::closed(0.0, 10.0, "");
@@ -49,7 +50,10 @@ pub struct MixProportions {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub aggregate_cement: Option<f64>,
     /// Fly ash, silica fume, fillers.
-    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, value_type = super::schema::OneOrMore<MixAddition>)
+    )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub additions: Vec<MixAddition>,
     /// Volume of air over that of the concrete; 0.03 when absent.
@@ -147,26 +151,44 @@ impl MixProportions {
 }
 
 /// Reads a content with its defaults; `of_aggregates` is the mean density of the aggregates in kg/m³, where they have
-/// densities of their own.
+/// densities of their own, and `mass_kg_m3` their mass in a cubic metre, where they are given by it.
 ///
 /// `None` means that faults were reported.
-pub(super) fn read_proportions(at: &At<'_>, of_aggregates: Option<f64>) -> Option<MixProportions> {
+pub(super) fn read_proportions(
+    at: &At<'_>,
+    of_aggregates: Option<f64>,
+    mass_kg_m3: Option<f64>,
+) -> Option<MixProportions> {
     let mut object = at.object()?;
     let cement = object.required("cement_kg_m3").and_then(|at| at.number(MASS));
     let water_cement = object.required("water_cement").and_then(|at| at.number(WATER_RATIO));
     let ratio_at = object.optional("aggregate_cement");
-    let aggregate_cement = ratio_at.as_ref().map(|at| at.number(AGGREGATE_RATIO));
+    if let (Some(at), Some(_)) = (&ratio_at, mass_kg_m3) {
+        at.fault("follows from the mass_kg_m3 of the aggregates: leave this field out");
+    }
+    let of_masses = mass_kg_m3.zip(cement).map(|(mass, cement)| {
+        let ratio = Some(mass / cement).filter(|&ratio| AGGREGATE_RATIO.contains(ratio));
+        if ratio.is_none() {
+            at.fault(format!(
+                "{mass} kg of aggregate and {cement} kg of cement: the aggregate must have at most 100 times the \
+                 mass of the cement"
+            ));
+        }
+        ratio
+    });
+    let aggregate_cement = ratio_at.as_ref().map(|at| at.number(AGGREGATE_RATIO)).or(of_masses);
+    let has_mass = aggregate_cement.is_some();
     let additions = match object.optional("additions") {
-        Some(at) => at.array().and_then(|items| read_additions(&at, &items)),
+        Some(at) => at.list().and_then(|items| read_additions(&at, &items)),
         None => Some(Vec::new()),
     };
     let air = match object.optional("air") {
-        Some(at) if ratio_at.is_some() => {
-            at.fault("with aggregate_cement the air is what all parts leave: leave one of the two out");
+        Some(at) if has_mass => {
+            at.fault("where the mass of the aggregate is given, the air is what all parts leave: leave one of the two out");
             None
         }
         Some(at) => at.number(SHARE).map(Some),
-        None => Some(ratio_at.is_none().then_some(AIR)),
+        None => Some((!has_mass).then_some(AIR)),
     };
     let mut density = |name, default| match object.optional(name) {
         Some(at) => at.number(DENSITY),
@@ -175,7 +197,7 @@ pub(super) fn read_proportions(at: &At<'_>, of_aggregates: Option<f64>) -> Optio
     let cement_density = density("cement_density_kg_m3", CEMENT_DENSITY_KG_M3);
     let water_density = density("water_density_kg_m3", WATER_DENSITY_KG_M3);
     let aggregate_density = match object.optional("aggregate_density_kg_m3") {
-        Some(at) if ratio_at.is_none() => {
+        Some(at) if !has_mass => {
             at.fault(
                 "the aggregate is what the other parts leave, whatever its density: needs aggregate_cement",
             );
@@ -190,7 +212,7 @@ pub(super) fn read_proportions(at: &At<'_>, of_aggregates: Option<f64>) -> Optio
             }
             _ => Some(Some(given)),
         }),
-        None => Some(ratio_at.is_some().then_some(of_aggregates.unwrap_or(AGGREGATE_DENSITY_KG_M3))),
+        None => Some(has_mass.then_some(of_aggregates.unwrap_or(AGGREGATE_DENSITY_KG_M3))),
     };
     object.finish();
     let proportions = MixProportions {

@@ -4,7 +4,7 @@ use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop, VolumeFraction};
+use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop, Grading, VolumeFraction};
 use super::*;
 
 fn valid() -> Value {
@@ -136,19 +136,20 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [2, 1]]}),
-            "/mix/grading/points/1: sieves must rise: 2 mm follows 2 mm",
+            "/mix/grading/points/1: the sieve 2 mm stands in two points: must stand in one",
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0.5], [4, 0.4], [8, 1]]}),
-            "/mix/grading/points/1: passing must not fall: 0.4 follows 0.5",
+            "/mix/grading/points/1: passing must not fall towards coarser sieves: 0.4 passes 4 mm, and 0.5 passes 2 mm",
         ),
         (
-            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 1.2]]}),
-            "/mix/grading/points/1/1: 1.2 is out of range: must be at least 0 and at most 1",
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 120]]}),
+            "/mix/grading/points/1/1: 120 is out of range: must be at least 0 and at most 100 (0 to 1, or percent)",
         ),
         (
-            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 0.9]]}),
-            "/mix/grading/points/1: passing 0.9 is out of range: all mass must pass the last sieve, so its passing must be 1",
+            |v| v["mix"]["grading"] = json!({"type": "sieves", "points": [[2, 0], [4, 0.8]]}),
+            "/mix/grading/points/1: passing 0.8 is out of range: all mass must pass the coarsest sieve, so its passing must \
+             be 1; add the coarser sieves (from 0.9 on, the next sieve of the series is added, here 8 mm)",
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "classes", "classes": []}),
@@ -354,4 +355,66 @@ fn a_request_built_in_code_is_held_to_the_same_bounds() {
     let mut endless = valid;
     endless.distance = Distance::None { wall_gap_mm: Some(f64::INFINITY) };
     assert_eq!(pointers(&endless), [""]);
+}
+
+/// MATLAB and R write a list of one as its element.
+#[test]
+fn one_element_stands_in_place_of_a_list_of_one() {
+    let read = |mix: Value| {
+        let request = json!({"specimen": {"type": "box", "size_mm": [60, 60, 60]}, "mix": mix});
+        PackingRequest::from_json(&request, 1).map(|request| request.mix)
+    };
+    let class = json!({"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": 1});
+    let shape = json!({"above_mm": 4, "shape": {"type": "sphere"}});
+    let aggregate = json!({"share": 1, "grading": {"type": "monodisperse", "diameter_mm": 8}});
+    for (one, list) in [
+        (
+            json!({"grading": {"type": "classes", "classes": class}, "volume_fraction": 0.3}),
+            json!({"grading": {"type": "classes", "classes": [class]}, "volume_fraction": 0.3}),
+        ),
+        (
+            json!({"grading": {"type": "diameters", "diameters_mm": 12}}),
+            json!({"grading": {"type": "diameters", "diameters_mm": [12]}}),
+        ),
+        (
+            json!({"aggregates": aggregate, "volume_fraction": 0.3}),
+            json!({"aggregates": [aggregate], "volume_fraction": 0.3}),
+        ),
+        (
+            json!({"grading": {"type": "standard", "name": "A16"}, "shapes": shape, "volume_fraction": 0.3}),
+            json!({"grading": {"type": "standard", "name": "A16"}, "shapes": [shape], "volume_fraction": 0.3}),
+        ),
+    ] {
+        assert_eq!(read(one.clone()), read(list.clone()), "{one}");
+    }
+    // A fault names the place in the document that was sent.
+    let faults = read(json!({"grading": {"type": "classes", "classes": {"d_min_mm": 4, "d_max_mm": -8, "mass_fraction": 1}}, "volume_fraction": 0.3})).unwrap_err();
+    assert_eq!(faults[0].pointer, "/mix/grading/classes/d_max_mm");
+}
+
+/// A coarse aggregate with undersize beside a cut-off below its finest sieve.
+#[test]
+fn a_curve_that_ends_above_the_cut_off_gets_the_next_finer_sieve() {
+    let read = |points: Value, d_min: f64| {
+        let grading = json!({"type": "sieves", "points": points});
+        let mix = json!({"grading": grading, "volume_fraction": 0.3, "d_min_mm": d_min});
+        let request = json!({"specimen": {"type": "box", "size_mm": [60, 60, 60]}, "mix": mix});
+        PackingRequest::from_json(&request, 1)
+    };
+    let read_again = |request: &PackingRequest| {
+        PackingRequest::from_json(&serde_json::to_value(request).unwrap(), 1).unwrap()
+    };
+    let request = read(json!([[8, 8], [16, 97]]), 4.0).unwrap();
+    let Some(Grading::Sieves { points, completed_mm, .. }) = &request.mix.grading else { panic!() };
+    assert_eq!(points, &[[4.0, 0.0], [8.0, 0.08], [16.0, 0.97], [31.5, 1.0]]);
+    assert_eq!(completed_mm, &[4.0, 31.5]);
+    assert_eq!(read_again(&request), request);
+    let notes = request.mix.grading.as_ref().unwrap().completions();
+    assert!(notes[0].contains("starts with 8.0000 % passing 8 mm: the sieve 4 mm was added"), "{notes:?}");
+    assert!(notes[1].contains("ends with 97.0000 % passing 16 mm: the sieve 31.5 mm"), "{notes:?}");
+    // What lies above the cut-off is known.
+    let request = read(json!([[8, 8], [16, 100]]), 8.0).unwrap();
+    assert!(request.mix.grading.as_ref().unwrap().completions().is_empty());
+    let faults = read(json!([[8, 30], [16, 100]]), 4.0).unwrap_err();
+    assert!(faults[0].detail.contains("or add the finer sieves to the points"), "{faults:?}");
 }

@@ -6,7 +6,9 @@ use utoipa::openapi::schema::{
     Array, ArrayBuilder, ArrayItems, ObjectBuilder, OneOfBuilder, Schema, SchemaType, Type,
 };
 
-use super::{GrainShape, MAX_LENGTH_MM, MAXIMIZE, MIN_LENGTH_MM, MIN_SHARE, PlainShape};
+use super::{
+    Aggregate, Grading, GrainShape, MAX_LENGTH_MM, MAXIMIZE, MIN_LENGTH_MM, MIN_SHARE, PlainShape, ShapeClass,
+};
 use crate::shape::AxisRatios;
 
 /// A length in mm.
@@ -49,7 +51,7 @@ pub(crate) fn size_mm() -> Array {
 
 /// The points of a grading curve by sieves.
 pub(crate) fn points() -> Array {
-    let passing = ObjectBuilder::new().schema_type(Type::Number).minimum(Some(0)).maximum(Some(1)).build();
+    let passing = ObjectBuilder::new().schema_type(Type::Number).minimum(Some(0)).maximum(Some(100)).build();
     let point = ArrayBuilder::new()
         .prefix_items([length(), Schema::from(passing).into()])
         .items(ArrayItems::False)
@@ -60,19 +62,75 @@ pub(crate) fn points() -> Array {
         .items(RefOr::from(Schema::from(point)))
         .min_items(Some(2))
         .max_items(Some(1000))
-        .description(Some("The points of the curve, at least two."))
+        .description(Some(
+            "The points of the curve, at least two, in any order: sieve in mm, and the share of the mass that passes \
+             it, from 0 to 1; in percent where one is above 1 and the values up to 1 cannot be fractions.",
+        ))
         .examples([json!([[2.0, 0.0], [8.0, 0.6], [16.0, 1.0]])])
         .build()
 }
 
 /// An explicit list of diameters.
-pub(crate) fn diameters_mm() -> Array {
-    ArrayBuilder::new()
-        .items(length())
-        .min_items(Some(1))
-        .description(Some("Diameter of every grain, in any order."))
+pub(crate) fn diameters_mm() -> Schema {
+    let list = ArrayBuilder::new().items(length()).min_items(Some(1)).build();
+    let either = OneOfBuilder::new()
+        .item(list)
+        .item(length())
+        .description(Some("Diameter of every grain, in any order; or that of the only one."))
         .examples([json!([12.0, 10.0, 8.0])])
-        .build()
+        .build();
+    Schema::OneOf(either)
+}
+
+/// A list, or the one element that stands in place of a list of one, as MATLAB and R write it.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub(crate) enum OneOrMore<T> {
+    /// A list.
+    List(Vec<T>),
+    /// Its one element.
+    One(T),
+}
+
+/// An aggregate by its share of the volume, or by its mass in a cubic metre of concrete: all of a mix alike.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub(crate) enum AggregateInput {
+    /// As results have it.
+    ByShare(Aggregate),
+    /// By mass.
+    ByMass(AggregateByMass),
+}
+
+/// An aggregate by its mass in a cubic metre of concrete. The shares and the volume fraction of the mix follow from the
+/// masses and the densities, so that `volume_fraction` must be absent. Beside `proportions` the air is what all parts
+/// leave, and `aggregate_cement` must be absent.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)]
+pub(crate) struct AggregateByMass {
+    /// What it is called in results; no two aggregates of a mix share a name.
+    #[schema(required = false, nullable, min_length = 1, max_length = 64)]
+    name: Option<String>,
+    /// Mass of it in a cubic metre of concrete, that below the cut-off too.
+    #[schema(exclusive_minimum = 0, maximum = 10_000)]
+    mass_kg_m3: f64,
+    /// Density of the grains.
+    #[schema(minimum = 100, maximum = 30_000)]
+    density_kg_m3: f64,
+    /// Which diameters, in which proportion by mass; all but `diameters`.
+    grading: Grading,
+    /// Cut-off of this aggregate; that of the mix when absent.
+    #[schema(required = false, nullable, minimum = 1e-6, maximum = 1e6)]
+    d_min_mm: Option<f64>,
+    /// The shape of all its grains; spheres when absent.
+    #[schema(required = false, value_type = GrainShapeInput)]
+    shape: Option<GrainShape>,
+    /// The shapes by size, in place of `shape`.
+    #[schema(required = false, value_type = OneOrMore<ShapeClass>)]
+    shapes: Vec<ShapeClass>,
 }
 
 /// The law of the axis ratios of grains; results name constant ratios by elongation and flatness.

@@ -49,7 +49,10 @@ pub enum ShapeMixture {
     /// Grains of several shapes.
     Mixture {
         /// The shapes with their shares of the volume.
-        #[cfg_attr(feature = "openapi", schema(min_items = 1, max_items = 16))]
+        #[cfg_attr(
+            feature = "openapi",
+            schema(value_type = super::schema::OneOrMore<MixturePart>)
+        )]
         of: Vec<MixturePart>,
     },
 }

@@ -43,6 +43,7 @@ pub(super) fn read_ratios(at: &At<'_>) -> Option<AxisRatios> {
             Kind::Triangle => number(&mut object, "k").map(|k| AxisRatios::Triangle { k }),
             Kind::Measured => {
                 let axes = object.required("axes").and_then(|at| {
+                    at.array()?;
                     let triples = bounded(&at, "triples", MAX_MEASURED_GRAINS)?;
                     all(triples.iter().map(|item| {
                         let [a, b, c] = item.array_of()?.map(|at| at.number(ANY));
@@ -154,5 +155,7 @@ fn read_weights(object: &mut Object<'_>, max: usize) -> Option<Vec<f64>> {
 }
 
 fn read_numbers(at: &At<'_>, what: &str, max: usize) -> Option<Vec<f64>> {
+    // A table of one value is a constant: it must be meant.
+    at.array()?;
     all(bounded(at, what, max)?.iter().map(|item| item.number(ANY)))
 }
