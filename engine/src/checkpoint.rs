@@ -6,7 +6,7 @@
 //! Writers and readers are handed in: the caller decides when, where and under which name checkpoints are kept.
 //!
 //! Layout, all little-endian: magic `PACKSTCK`, `u32` revision of this layout, the engine's version and the request
-//! (each as `u64` length and bytes, the request as its JSON without materials), the body in frames of `u32` length and
+//! (each as `u64` length and bytes, the request as its JSON without materials, or what an export is made of), the body in frames of `u32` length and
 //! bytes, of which one of length 0 is the last, and the CRC-32 of all that came before.
 
 use std::io::{self, Read, Write};
@@ -27,17 +27,33 @@ const MAX_VERSION_BYTES: u64 = 256;
 
 /// State of a run between two epochs, lent to [`crate::Control::keep_checkpoint`].
 pub struct Checkpoint<'a> {
-    request: &'a PackingRequest,
+    of: Of<'a>,
     write_body: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,
 }
 
+/// What a checkpoint belongs to.
+#[derive(Debug)]
+enum Of<'a> {
+    Packing(&'a PackingRequest),
+    /// Options of an export and what it is made of.
+    Export(&'a [u8]),
+}
+
 impl<'a> Checkpoint<'a> {
+    /// A checkpoint of an export with this identity, whose state `write_body` writes.
+    pub(crate) fn of_export(
+        identity: &'a [u8],
+        write_body: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,
+    ) -> Self {
+        Self { of: Of::Export(identity), write_body }
+    }
+
     /// A checkpoint of a run for `request`, whose state `write_body` writes.
     pub fn new(
         request: &'a PackingRequest,
         write_body: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,
     ) -> Self {
-        Self { request, write_body }
+        Self { of: Of::Packing(request), write_body }
     }
 
     /// Writes the state alone.
@@ -56,7 +72,11 @@ impl<'a> Checkpoint<'a> {
         let mut out = Summed::new(out);
         let mut head = Vec::from(MAGIC);
         head.extend(REVISION.to_le_bytes());
-        for part in [VERSION.as_bytes(), &serde_json::to_vec(&self.request.without_materials())?] {
+        let of = match self.of {
+            Of::Packing(request) => serde_json::to_vec(&request.without_materials())?,
+            Of::Export(identity) => identity.to_vec(),
+        };
+        for part in [VERSION.as_bytes(), &of] {
             head.extend((part.len() as u64).to_le_bytes());
             head.extend(part);
         }
@@ -72,7 +92,7 @@ impl<'a> Checkpoint<'a> {
 
 impl std::fmt::Debug for Checkpoint<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Checkpoint").field("request", self.request).finish_non_exhaustive()
+        f.debug_struct("Checkpoint").field("of", &self.of).finish_non_exhaustive()
     }
 }
 
@@ -138,6 +158,18 @@ pub struct Resume {
 }
 
 impl Resume {
+    /// Reads a checkpoint of the export with this identity ([`crate::export::ExportRequest::checkpoint_identity`]).
+    ///
+    /// # Errors
+    /// When it is not whole, or not this engine's of this export.
+    pub fn of_export(input: &mut dyn Read, identity: &[u8]) -> Result<Self, CheckpointError> {
+        let stored = Stored::read(input)?;
+        if stored.request != identity {
+            return Err(CheckpointError::OtherRequest);
+        }
+        Ok(Self { body: stored.body })
+    }
+
     /// Reads a checkpoint of `request`, or of one with other materials.
     ///
     /// # Errors

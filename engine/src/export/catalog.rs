@@ -8,6 +8,7 @@ use serde_json::{Map, Value};
 use super::{ExportError, Model};
 use super::{certificates, deck, ldpm, mesh, properties, quality, shapes, slice, voxels};
 use crate::analysis::quality::QualityReport;
+use crate::checkpoint::Resume;
 use crate::control::Control;
 use crate::plan::{ClassPlan, Limits, Plan};
 use crate::request::decode::{At, Faults, Object};
@@ -346,7 +347,7 @@ impl ExportRequest {
     fn computation(&self, specimen: &Specimen, materials: Option<&Materials>) -> Option<ComputationEstimate> {
         let Self::Properties(options) = self else { return None };
         Some(ComputationEstimate {
-            memory_bytes: properties::memory_bytes(specimen, options, 1),
+            memory_bytes: properties::memory_bytes(specimen, materials, options, 1),
             cpu_s: properties::cpu_s(specimen, materials, options),
         })
     }
@@ -381,6 +382,14 @@ impl ExportRequest {
         matches!(self, Self::Mesh(mesh) if mesh.tetrahedra().is_some())
     }
 
+    /// What a checkpoint of the export of a packing belongs to; none where it keeps no checkpoints.
+    pub fn checkpoint_identity(&self, model: &Model<'_>) -> Option<Vec<u8>> {
+        match self {
+            Self::Properties(options) => properties::checkpoint_identity(model, options),
+            _ => None,
+        }
+    }
+
     /// Writes the file.
     ///
     /// # Errors
@@ -389,6 +398,21 @@ impl ExportRequest {
         &self,
         model: &Model<'_>,
         limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<ExportReport, ExportError> {
+        self.write_or_resume(model, limits, None, control, out)
+    }
+
+    /// Writes the file, going on from a checkpoint of the same export where there is one: its bytes are the same.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    pub fn write_or_resume(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        resume: Option<Resume>,
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<ExportReport, ExportError> {
@@ -408,7 +432,7 @@ impl ExportRequest {
             }
             Self::Shapes(options) => shapes::write(model, options, control, out).map(ExportReport::Shapes),
             Self::Quality(_) => quality::write(model, limits, control, out).map(ExportReport::Quality),
-            Self::Properties(options) => properties::write(model, options, limits, control, out)
+            Self::Properties(options) => properties::write(model, options, limits, resume, control, out)
                 .map(|report| ExportReport::Properties(Box::new(report))),
         }
     }

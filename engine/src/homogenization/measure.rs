@@ -37,7 +37,7 @@ pub(super) fn measure<M: Material<D>, const D: usize>(
     voxels: &Voxels,
     material: &M,
     scheme: Scheme,
-    cases: &[(Load<D>, Field<D>)],
+    cases: &[(&Load<D>, &Field<D>)],
     pairs: Pairs,
     threads: NonZeroUsize,
 ) -> Measured<D> {

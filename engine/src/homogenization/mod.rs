@@ -10,6 +10,7 @@
 // Forced inlining carries the instruction set into the loops, as in `cpu`.
 #![allow(clippy::inline_always)]
 
+mod cases;
 mod green;
 mod lanes;
 mod material;
@@ -27,6 +28,7 @@ use nalgebra::{Matrix3, Matrix6, Vector6};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+pub use cases::{CaseError, SolvedCase, SolvedCases};
 pub use material::ElasticPhase;
 pub use voxels::{CUT, CutVoxel, MAX_PHASES, Voxels};
 
@@ -143,6 +145,16 @@ fn elastic_loads(thermal: bool) -> Vec<Load<3>> {
     loads
 }
 
+/// The three gradients of a unit.
+fn conduction_loads() -> Vec<Load<1>> {
+    let load = |axis: usize| {
+        let mut mean = [[0.0; 3]];
+        mean[0][axis] = 1.0;
+        Load { mean, thermal: false }
+    };
+    [0, 1, 2].map(load).into()
+}
+
 /// The homogeneous medium whose Green operator preconditions, and the least stiffness over its own.
 fn reference(least: [f64; 2], most: [f64; 2], has_pores: bool) -> (Reference, f64) {
     let [bulk, shear] = [0, 1].map(|i| (least[i] * most[i]).sqrt());
@@ -151,7 +163,8 @@ fn reference(least: [f64; 2], most: [f64; 2], has_pores: bool) -> (Reference, f6
     (reference, if has_pores { 0.0 } else { stiffness })
 }
 
-/// Computes the effective stiffness of a cell, and on demand the pressure of a temperature.
+/// Computes the effective stiffness of a cell, and on demand the pressure of a temperature. Load cases that were solved
+/// before are taken as they are; `on_case` is called with all after each that is solved.
 ///
 /// # Errors
 /// See [`HomogenizationError`].
@@ -160,6 +173,8 @@ pub fn elasticity(
     phases: &[ElasticPhase],
     thermal: bool,
     settings: &Settings,
+    cases: &mut SolvedCases<3>,
+    on_case: &mut dyn FnMut(&SolvedCases<3>),
     control: &dyn Control,
 ) -> Result<Elasticity, HomogenizationError> {
     let shares = voxels.shares(phases.len());
@@ -181,7 +196,7 @@ pub fn elasticity(
     let material = Elastic::new(phases);
     let problem =
         Cases { voxels, material: &material, reference, least_stiffness, thermal_energy, settings, control };
-    let (measured, effort) = problem.solve(elastic_loads(thermal))?;
+    let (measured, effort) = problem.solve(&elastic_loads(thermal), cases, on_case)?;
     let cases = effort.iterations.len();
     let energy = |i: usize, j: usize| measured.energies[i.min(j) * cases + i.max(j)];
     Ok(Elasticity {
@@ -191,7 +206,8 @@ pub fn elasticity(
     })
 }
 
-/// Computes the effective conductivity of a cell, or its diffusivity, of those of the phases.
+/// Computes the effective conductivity of a cell, or its diffusivity, of those of the phases; with load cases as for
+/// [`elasticity`].
 ///
 /// # Errors
 /// See [`HomogenizationError`].
@@ -199,6 +215,8 @@ pub fn conduction(
     voxels: &Voxels,
     conductivities: &[f64],
     settings: &Settings,
+    cases: &mut SolvedCases<1>,
+    on_case: &mut dyn FnMut(&SolvedCases<1>),
     control: &dyn Control,
 ) -> Result<Conduction, HomogenizationError> {
     let shares = voxels.shares(conductivities.len());
@@ -221,12 +239,7 @@ pub fn conduction(
         settings,
         control,
     };
-    let load = |axis: usize| {
-        let mut mean = [[0.0; 3]];
-        mean[0][axis] = 1.0;
-        Load { mean, thermal: false }
-    };
-    let (measured, effort) = problem.solve([0, 1, 2].map(load).into())?;
+    let (measured, effort) = problem.solve(&conduction_loads(), cases, on_case)?;
     let conductivity = Matrix3::from_fn(|i, j| measured.energies[i.min(j) * 3 + i.max(j)]);
     Ok(Conduction { conductivity, effort })
 }
@@ -244,53 +257,65 @@ struct Cases<'a, M> {
 }
 
 impl<M> Cases<'_, M> {
-    fn solve<const D: usize>(&self, loads: Vec<Load<D>>) -> Result<(Measured<D>, Effort), HomogenizationError>
+    fn solve<const D: usize>(
+        &self,
+        loads: &[Load<D>],
+        cases: &mut SolvedCases<D>,
+        on_case: &mut dyn FnMut(&SolvedCases<D>),
+    ) -> Result<(Measured<D>, Effort), HomogenizationError>
     where
         M: Material<D>,
     {
         let (voxels, settings) = (self.voxels, self.settings);
         let total = loads.len();
-        let of_all = |cases: &[(Load<D>, Field<D>)], pairs: Pairs| {
+        let of_all = |cases: &[(&Load<D>, &Field<D>)], pairs: Pairs| {
             measure(voxels, self.material, settings.scheme, cases, pairs, settings.threads)
         };
         let own = |measured: &Measured<D>, case: usize| measured.energies[case * (total + 1)];
-        let mut cases = Vec::new();
-        for load in loads {
-            cases.push((load, zeros(voxels.len())?));
-        }
-        self.go_on()?;
-        let first = of_all(&cases, Pairs::Equal);
-        self.go_on()?;
-        let mut solver = Solver::new(voxels, self.material, self.reference, settings)?;
-        let mut effort = Effort { iterations: Vec::new(), error: 0.0, energy_against_work: 0.0 };
-        for (number, (load, field)) in cases.iter_mut().enumerate() {
-            let mean = if load.thermal { self.thermal_energy } else { own(&first, number) };
-            let goal = Goal {
-                tolerance: settings.tolerance,
-                energy: mean * voxels.len() as f64,
-                decreases: !load.thermal,
-                least_stiffness: self.least_stiffness,
-            };
-            let mut distance = None;
-            let solved = solver.solve(field, load, &goal, |error| {
-                self.go_on()?;
-                let of_case = if error.is_finite() {
-                    let left = ln(error.max(1.0));
-                    1.0 - left / distance.get_or_insert(left.max(1.0)).max(left)
-                } else {
-                    0.0
-                };
-                self.report(number, total, of_case);
-                Ok(())
-            })?;
-            effort.iterations.push(solved.iterations as u64);
-            effort.error = effort.error.max(solved.error);
+        if cases.0.len() < total {
             self.go_on()?;
-            self.report(number + 1, total, 0.0);
+            let none = zeros(voxels.len())?;
+            let first = of_all(&loads.iter().map(|load| (load, &none)).collect::<Vec<_>>(), Pairs::Equal);
+            drop(none);
+            self.go_on()?;
+            let mut solver = Solver::new(voxels, self.material, self.reference, settings)?;
+            for (number, load) in loads.iter().enumerate().skip(cases.0.len()) {
+                let mean = if load.thermal { self.thermal_energy } else { own(&first, number) };
+                let goal = Goal {
+                    tolerance: settings.tolerance,
+                    energy: mean * voxels.len() as f64,
+                    decreases: !load.thermal,
+                    least_stiffness: self.least_stiffness,
+                };
+                let mut distance = None;
+                let mut displacement = zeros(voxels.len())?;
+                let solved = solver.solve(&mut displacement, load, &goal, |error| {
+                    self.go_on()?;
+                    let of_case = if error.is_finite() {
+                        let left = ln(error.max(1.0));
+                        1.0 - left / distance.get_or_insert(left.max(1.0)).max(left)
+                    } else {
+                        0.0
+                    };
+                    self.report(number, total, of_case);
+                    Ok(())
+                })?;
+                let (iterations, error) = (solved.iterations as u64, solved.error);
+                cases.0.push(SolvedCase { displacement, iterations, error });
+                on_case(cases);
+                self.go_on()?;
+                self.report(number + 1, total, 0.0);
+            }
         }
-        drop(solver);
-        let measured = of_all(&cases, Pairs::All);
-        for (number, (load, _)) in cases.iter().enumerate().filter(|(_, (load, _))| !load.thermal) {
+        let solved = &cases.0[..total];
+        let fields = loads.iter().zip(solved).map(|(load, case)| (load, &case.displacement));
+        let measured = of_all(&fields.collect::<Vec<_>>(), Pairs::All);
+        let mut effort = Effort {
+            iterations: solved.iter().map(|case| case.iterations).collect(),
+            error: solved.iter().map(|case| case.error).fold(0.0, f64::max),
+            energy_against_work: 0.0,
+        };
+        for (number, load) in loads.iter().enumerate().filter(|(_, load)| !load.thermal) {
             let fluxes = measured.fluxes[number].as_flattened();
             let work: f64 = load.mean.as_flattened().iter().zip(fluxes).map(|(e, s)| e * s).sum();
             let energy = own(&measured, number);

@@ -119,6 +119,28 @@ impl Voxels {
         self.phase.is_empty()
     }
 
+    /// The CRC-32 of the shape, the phases and the cut voxels.
+    #[must_use]
+    pub fn checksum(&self) -> u32 {
+        let mut sum = crc32fast::Hasher::new();
+        for n in self.shape {
+            sum.update(&(n as u64).to_le_bytes());
+        }
+        for h in self.spacing_mm {
+            sum.update(&h.to_le_bytes());
+        }
+        sum.update(&self.phase);
+        for CutVoxel { share, normal, x, phases } in &self.cuts {
+            sum.update(&share.to_le_bytes());
+            for n in normal {
+                sum.update(&n.to_le_bytes());
+            }
+            sum.update(&x.to_le_bytes());
+            sum.update(phases);
+        }
+        sum.finalize()
+    }
+
     /// The cut voxels.
     pub fn cuts(&self) -> &[CutVoxel] {
         &self.cuts

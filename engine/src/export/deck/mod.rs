@@ -312,4 +312,7 @@ fn degrees_of_freedom(
 
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
+mod same_voxels_tests;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests;

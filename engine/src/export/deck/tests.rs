@@ -1,7 +1,7 @@
 //! Decks against closed forms: what CalculiX computes of them, and what is refused.
 
 use std::io::{Cursor, Read as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use nalgebra::{Matrix3, Vector3};
@@ -17,7 +17,7 @@ use crate::request::materials::EXAMPLE;
 use crate::solution::{BALANCE, Results, Solution};
 
 /// CalculiX: that of `PACKSTONE_CCX`, else one on PATH. Without it the tests that need it say so.
-fn ccx() -> Option<PathBuf> {
+pub(super) fn ccx() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("PACKSTONE_CCX") {
         return Some(named.into());
     }
@@ -50,7 +50,7 @@ fn options(text: &[(&str, &str)]) -> DeckOptions {
     }
 }
 
-fn cuboid(size_mm: [f64; 3]) -> Specimen {
+pub(super) fn cuboid(size_mm: [f64; 3]) -> Specimen {
     Specimen::Box { size_mm, boundary: Boundary::Walls }
 }
 
@@ -82,20 +82,29 @@ fn unzipped(bytes: &[u8]) -> Vec<(String, String)> {
         .collect()
 }
 
+/// Runs CalculiX in a folder.
+pub(super) fn run(ccx: &Path, folder: &Path, model: &str) {
+    let run = Command::new(ccx).arg(model).current_dir(folder).output().unwrap();
+    let log = String::from_utf8_lossy(&run.stdout).into_owned();
+    assert!(run.status.success() && log.contains("Job finished"), "{log}");
+}
+
 /// What CalculiX computes of a deck; `None` where there is no CalculiX.
 fn solved(deck: &Deck) -> Option<Solution> {
     let ccx = ccx()?;
     let mut bytes = Vec::new();
     deck.write(None, NonZeroUsize::MIN, &Unattended, &mut bytes).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    let files = unzipped(&bytes);
-    for (name, text) in &files {
-        std::fs::write(folder.path().join(name), text).unwrap();
+    Some(solution_in(folder.path(), &ccx, &bytes))
+}
+
+/// Unpacks a deck into a folder, and solves it there.
+pub(super) fn solution_in(folder: &Path, ccx: &Path, zip: &[u8]) -> Solution {
+    for (name, text) in &unzipped(zip) {
+        std::fs::write(folder.join(name), text).unwrap();
     }
-    let run = Command::new(ccx).arg(MODEL).current_dir(folder.path()).output().unwrap();
-    let log = String::from_utf8_lossy(&run.stdout).into_owned();
-    assert!(run.status.success() && log.contains("Job finished"), "{log}");
-    let text = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    run(ccx, folder, MODEL);
+    let text = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
     let results = Results::of_deck(&text("deck.json"), &text("mesh.inp")).unwrap();
     let solution = results.solution(&text("model.dat")).unwrap();
     assert!(solution.imbalance < BALANCE, "{solution:?}");
@@ -105,7 +114,7 @@ fn solved(deck: &Deck) -> Option<Solution> {
     for name in ["displacement", "stress", "strain"] {
         assert!(String::from_utf8_lossy(&vtu).contains(&format!("Name=\"{name}\"")), "{name}");
     }
-    Some(solution)
+    solution
 }
 
 fn near(found: f64, expected: f64) {

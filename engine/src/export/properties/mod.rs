@@ -4,10 +4,12 @@
 //! that the module `homogenization` solves. Half as many voxels along each edge are solved as well: the difference is
 //! the error that the voxels make. `docs/properties.md` has the mathematics.
 
-mod ball;
+mod cut_ellipsoid;
+mod cut_polyhedron;
 mod options;
 mod phases;
 mod report;
+mod state;
 mod voxelize;
 
 use std::io::Write;
@@ -25,20 +27,22 @@ pub use report::{
 
 use self::phases::Phases;
 pub(super) use self::phases::{check_materials, of_material};
+use self::state::State;
 use self::voxelize::{Cuts, Voxelized, voxelize};
 use super::solids::Sectioned;
 use super::voxels::VoxelGrid;
 use super::{ExportError, Model};
+use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
 use crate::homogenization::moduli::{
     conduction_bounds, elastic_bounds, expansion, isotropic_conductivity, isotropic_projection,
     universal_anisotropy, youngs_moduli,
 };
 use crate::homogenization::{
-    self, Conduction, Elasticity, HomogenizationError, Settings, Voxels, conduction, elasticity,
+    self, Conduction, Elasticity, HomogenizationError, Settings, SolvedCases, Voxels, conduction, elasticity,
 };
 use crate::plan::Limits;
-use crate::request::{Boundary, FieldError, Materials, Specimen};
+use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
 
 /// Length of a document with all kinds.
 const DOCUMENT_BYTES: u64 = 9000;
@@ -78,7 +82,7 @@ pub(super) fn check(
         );
         return Err(invalid("/cells", detail));
     }
-    let bytes = memory_bytes(specimen, options, limits.export_threads.get());
+    let bytes = memory_bytes(specimen, None, options, limits.export_threads.get());
     if bytes > limits.max_memory_bytes {
         let [x, y, z] = shape(specimen, options);
         return Err(ExportError::TooLarge(FieldError::new(
@@ -103,26 +107,60 @@ fn shape(specimen: &Specimen, options: &PropertyOptions) -> [usize; 3] {
     VoxelGrid::of_cells(specimen, options.cells).shape.map(|n| n * times)
 }
 
+/// Whether all materials have a property; where none are known they are taken to have it.
+fn all_have(materials: Option<&Materials>, of: fn(&Material) -> Option<f64>) -> bool {
+    materials.is_none_or(|materials| materials.entries().all(|(_, material)| of(material).is_some()))
+}
+
 /// Load cases of the stiffness and the temperature, as far as they are computed.
-fn elastic_cases(options: &PropertyOptions) -> usize {
+fn elastic_cases(materials: Option<&Materials>, options: &PropertyOptions) -> usize {
+    let materials = options.materials.as_ref().or(materials);
     match &options.kinds {
         Some(kinds) if !kinds.is_elastic() => 0,
         Some(kinds) if !kinds.has(PropertyKind::Expansion) => 6,
+        None if !all_have(materials, |material| material.youngs_modulus_gpa) => 0,
+        // A pore needs no expansion.
+        None if !all_have(materials, |material| {
+            material.expansion_1_k.or(material.youngs_modulus_gpa.filter(|modulus| *modulus == 0.0))
+        }) =>
+        {
+            6
+        }
         _ => 7,
     }
 }
 
+/// Load cases of conductivity and diffusivity, as far as they are computed.
+fn conduction_cases(materials: Option<&Materials>, options: &PropertyOptions) -> usize {
+    let materials = options.materials.as_ref().or(materials);
+    if options.kinds.as_ref().is_some_and(|kinds| !kinds.has(PropertyKind::Conductivity)) {
+        return 0;
+    }
+    let both = [|of: &Material| of.conductivity_w_m_k, |of: &Material| of.diffusivity_m2_s];
+    3 * both.into_iter().filter(|of| all_have(materials, *of)).count()
+}
+
 /// Memory that the properties take at most, in bytes.
-pub(super) fn memory_bytes(specimen: &Specimen, options: &PropertyOptions, threads: usize) -> u64 {
+pub(super) fn memory_bytes(
+    specimen: &Specimen,
+    materials: Option<&Materials>,
+    options: &PropertyOptions,
+    threads: usize,
+) -> u64 {
     let shape = shape(specimen, options);
-    let solver = match elastic_cases(options) {
+    let conducting = conduction_cases(materials, options);
+    let solver = match elastic_cases(materials, options) {
         0 => homogenization::bytes(shape, 1, 3, threads),
         cases => homogenization::bytes(shape, 3, cases, threads),
     };
     let voxels = shape.iter().fold(1_u64, |product, n| product.saturating_mul(*n as u64));
     // A byte for each, and what is known of those that are cut, twice while they are collected.
     let of_cuts = if options.cut_voxels == CutVoxels::Mixed { 16 } else { 0 };
-    solver.saturating_add(voxels.saturating_mul(1 + of_cuts))
+    // Displacements of a scalar stay beside those of strains, and those of the coarse grid beside both.
+    let elastic = 12 * elastic_cases(materials, options) as u64;
+    let others = 4 * conducting as u64;
+    let kept = if elastic > 0 { others } else { 0 } + (elastic + others) / 8;
+    solver.saturating_add(voxels.saturating_mul(1 + of_cuts + kept))
 }
 
 /// CPU time that the properties take, in s, within a factor of three.
@@ -134,7 +172,7 @@ pub(super) fn cpu_s(specimen: &Specimen, materials: Option<&Materials>, options:
     };
     let digits = -crate::elementary::log10(options.tolerance) / 4.0;
     let conducts = options.kinds.as_ref().is_none_or(|kinds| kinds.has(PropertyKind::Conductivity));
-    let cases = elastic_cases(options) as f64 + f64::from(u8::from(conducts));
+    let cases = elastic_cases(materials, options) as f64 + f64::from(u8::from(conducts));
     // The start and the measurement of a case take the time of an iteration or two; the grid of half the voxels an
     // eighth.
     voxels * cases * (iterations * digits + 2.0) * SECONDS_PER_VOXEL * 1.125
@@ -145,23 +183,31 @@ pub(super) fn expected_bytes() -> u64 {
     DOCUMENT_BYTES
 }
 
-/// Computes the properties and writes them.
+/// What a checkpoint of these properties belongs to; none where they cannot be computed.
+pub(super) fn checkpoint_identity(model: &Model<'_>, options: &PropertyOptions) -> Option<Vec<u8>> {
+    state::identity(options, Phases::of(model, options).ok()?.materials())
+}
+
+/// Computes the properties and writes them. Load cases that an earlier run has solved are not solved
+/// again, and change no byte.
 ///
 /// # Errors
-/// Those of [`check`] and [`judge`]; [`ExportError::Unavailable`] where the solver does not reach the tolerance;
+/// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does not reach the tolerance;
 /// [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
 pub(super) fn write(
     model: &Model<'_>,
     options: &PropertyOptions,
     limits: &Limits,
+    resume: Option<Resume>,
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<PropertyReport, ExportError> {
     check(model.specimen, options, limits)?;
     let phases = Phases::of(model, options)?;
+    let mut state = State::new(state::identity(options, phases.materials()), resume, control);
     let work = Work { model, options, phases: &phases, limits };
-    let coarse = work.properties(options.cells / 2, &Part::new(control, 0.0, 0.11))?;
-    let fine = work.properties(options.cells, &Part::new(control, 0.11, 1.0))?;
+    let coarse = work.properties(options.cells / 2, &mut state, &Part::new(control, 0.0, 0.11))?;
+    let fine = work.properties(options.cells, &mut state, &Part::new(control, 0.11, 1.0))?;
     let report = work.report(&coarse, &fine);
     serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
     writeln!(out)?;
@@ -186,7 +232,12 @@ struct Work<'a> {
 
 impl Work<'_> {
     /// Computes the properties with so many voxels along the longest edge.
-    fn properties(&self, cells: u32, control: &dyn Control) -> Result<Properties, ExportError> {
+    fn properties(
+        &self,
+        cells: u32,
+        state: &mut State<'_>,
+        control: &dyn Control,
+    ) -> Result<Properties, ExportError> {
         let threads = self.limits.export_threads;
         let settings = Settings { scheme: self.options.scheme, tolerance: self.options.tolerance, threads };
         let Voxelized { mut voxels, mut of_three_bodies } = self.voxels(cells, control)?;
@@ -207,16 +258,29 @@ impl Work<'_> {
             let ends = [number, number + 1].map(|n| times[..n].iter().sum::<f64>() / total);
             Part::new(control, ends[0], ends[1])
         };
-        let conduct = |values: &Option<Vec<f64>>, number: usize| {
-            values.as_ref().map(|values| conduction(&voxels, values, &settings, &part(number))).transpose()
-        };
+        let sum = voxels.checksum();
+        let mut cases = state.earlier(&voxels)?;
+        let conduct =
+            |values: &Option<Vec<f64>>, number: usize, cases: &mut _, on_case: &mut dyn FnMut(&_)| {
+                let conduct = |values| conduction(&voxels, values, &settings, cases, on_case, &part(number));
+                values.as_deref().map(conduct).transpose().map_err(|error| self.error(error))
+            };
+        let (heat, diffusion) = (&mut cases.conductivity, &mut cases.diffusivity);
+        let strains = &mut cases.elastic;
         let elasticity = kinds
             .is_elastic()
-            .then(|| elasticity(&voxels, elastic, thermal, &settings, &part(0)))
+            .then(|| {
+                let mut on_case = |solved: &SolvedCases<3>| state.keep(sum, solved, [&*heat, &*diffusion]);
+                elasticity(&voxels, elastic, thermal, &settings, strains, &mut on_case, &part(0))
+            })
             .transpose()
             .map_err(|error| self.error(error))?;
-        let conductivity = conduct(conductivity, 1).map_err(|error| self.error(error))?;
-        let diffusivity = conduct(diffusivity, 2).map_err(|error| self.error(error))?;
+        let conductivity = conduct(conductivity, 1, heat, &mut |solved| {
+            state.keep(sum, strains, [solved, &*diffusion]);
+        })?;
+        let diffusivity =
+            conduct(diffusivity, 2, diffusion, &mut |solved| state.keep(sum, strains, [&*heat, solved]))?;
+        state.end_grid(sum, cases);
         Ok(Properties { voxels, of_three_bodies, elasticity, conductivity, diffusivity })
     }
 

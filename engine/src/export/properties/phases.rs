@@ -178,6 +178,11 @@ impl Phases {
         })
     }
 
+    /// Their materials.
+    pub(super) fn materials(&self) -> &[Material] {
+        &self.materials
+    }
+
     /// The phases with their shares of the voxels and by the grains.
     pub(super) fn reported(&self, model: &Model<'_>, shares: &[f64]) -> Vec<PropertyPhase> {
         let groups = AggregateGroups::of(model);

@@ -45,42 +45,54 @@ fn one_ball(diameter: f64) -> Spheres {
     spheres
 }
 
+/// Of balls in a softer matrix, the estimate of Mori and Tanaka is the lower bound of Hashin and Shtrikman. A cube of
+/// balls is not isotropic, but what their images add is of the fourth order in the directions and has no mean over
+/// rotations.
 #[test]
 fn one_ball_in_a_large_cell_raises_the_moduli_as_mori_and_tanaka_say() {
     let (specimen, grains) = (cube(10.0, Boundary::Periodic), one_ball(3.0));
     let report = properties_of(
         &Model::new(&specimen, &grains),
-        &json!({"cells": 48, "kinds": "stiffness,conductivity"}),
+        &json!({"cells": 96, "kinds": "stiffness,conductivity", "tolerance": 1e-6}),
     );
     let (stiffness, conductivity) = (report.stiffness.unwrap(), report.conductivity.unwrap());
-    // Of balls in a softer matrix, the estimate of Mori and Tanaka is the lower bound of Hashin and Shtrikman.
     let lower = stiffness.bounds.hashin_shtrikman_lower;
-    let increment = |found: f64, expected: f64, matrix: f64| (found - expected).abs() / (expected - matrix);
-    let of_bulk = increment(stiffness.isotropic.bulk_modulus_gpa, lower.bulk_modulus_gpa, 25.0 / 1.8);
-    let of_modulus = increment(stiffness.isotropic.youngs_modulus_gpa, lower.youngs_modulus_gpa, 25.0);
-    let of_heat = increment(conductivity.isotropic, conductivity.bounds.hashin_shtrikman_lower, 1.8);
-    assert!(of_bulk < 0.01 && of_modulus < 0.01 && of_heat < 0.01, "{of_bulk} {of_modulus} {of_heat}");
+    for (found, expected, matrix) in [
+        (stiffness.isotropic.bulk_modulus_gpa, lower.bulk_modulus_gpa, 25.0 / 1.8),
+        (stiffness.isotropic.shear_modulus_gpa, lower.shear_modulus_gpa, 25.0 / 2.4),
+        (stiffness.isotropic.youngs_modulus_gpa, lower.youngs_modulus_gpa, 25.0),
+        (conductivity.isotropic, conductivity.bounds.hashin_shtrikman_lower, 1.8),
+    ] {
+        assert!((found - expected).abs() < 1e-3 * (expected - matrix), "{found} {expected} {matrix}");
+    }
     // A cube of balls has no direction that differs from another.
     let [x, y, z] = stiffness.youngs_moduli_gpa.unwrap();
-    assert!((x - y).abs() < 1e-5 * x && (x - z).abs() < 1e-5 * x, "{x} {y} {z}");
-    assert!(stiffness.error.solver < 1e-4 && stiffness.error.voxels < 2e-3, "{:?}", stiffness.error);
+    assert!((x - y).abs() < 1e-6 * x && (x - z).abs() < 1e-6 * x, "{x} {y} {z}");
+    assert!(stiffness.error.solver < 1e-6 && stiffness.error.voxels < 1e-4, "{:?}", stiffness.error);
+    assert!(stiffness.error.energy_against_work < 1e-8, "{:?}", stiffness.error);
     assert!((report.phases[1].share - report.phases[1].exact_share).abs() < 1e-12, "{:?}", report.phases);
+}
+
+fn random_packing(seed: u64) -> (PackingRequest, Spheres) {
+    let packed = PackingRequest::from_json(
+        &json!({
+            "specimen": {"type": "box", "size_mm": [20, 20, 20], "boundary": "periodic"},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 6}, "volume_fraction": 0.3},
+        }),
+        seed,
+    )
+    .unwrap();
+    let packing = pack(&packed, &Limits::default(), &Unattended).unwrap();
+    let Grains::Spheres(spheres) = packing.grains else { panic!() };
+    (packed, spheres)
 }
 
 #[test]
 fn the_properties_of_random_packings_lie_within_their_bounds() {
-    for seed in 1..=4 {
-        let packed = PackingRequest::from_json(
-            &json!({
-                "specimen": {"type": "box", "size_mm": [20, 20, 20], "boundary": "periodic"},
-                "mix": {"grading": {"type": "monodisperse", "diameter_mm": 6}, "volume_fraction": 0.3},
-            }),
-            seed,
-        )
-        .unwrap();
-        let packing = pack(&packed, &Limits::default(), &Unattended).unwrap();
-        let Grains::Spheres(spheres) = &packing.grains else { panic!() };
-        let report = properties_of(&Model::new(&packed.specimen, spheres), &json!({"cells": 24}));
+    let mut above = Vec::new();
+    for seed in 1..=50 {
+        let (packed, spheres) = random_packing(seed);
+        let report = properties_of(&Model::new(&packed.specimen, &spheres), &json!({"cells": 32}));
         let (stiffness, heat) = (report.stiffness.unwrap(), report.conductivity.unwrap());
         let bounds = &stiffness.bounds;
         let of = |moduli: &homogenization::moduli::IsotropicModuli| moduli.youngs_modulus_gpa;
@@ -88,9 +100,10 @@ fn the_properties_of_random_packings_lie_within_their_bounds() {
         assert!(of(&bounds.reuss) < of(&bounds.hashin_shtrikman_lower), "{bounds:?}");
         assert!(of(&bounds.hashin_shtrikman_upper) < of(&bounds.voigt), "{bounds:?}");
         let [low, high] = [bounds.hashin_shtrikman_lower, bounds.hashin_shtrikman_upper].map(|m| of(&m));
-        assert!(low * 0.999 < own && own < high && own < low * 1.01, "{seed}: {low} {own} {high}");
+        assert!(low < own && own < high && own < low * 1.008, "{seed}: {low} {own} {high}");
+        above.push(own / low - 1.0);
         let bounds = heat.bounds;
-        assert!(heat.isotropic > bounds.hashin_shtrikman_lower * 0.999, "{heat:?}");
+        assert!(heat.isotropic > bounds.hashin_shtrikman_lower, "{heat:?}");
         assert!(heat.isotropic < bounds.hashin_shtrikman_upper, "{heat:?}");
         // Levin's relation for two isotropic phases, of the bulk modulus that was found.
         let [k1, k2, k] = [25.0 / 1.8, 70.0 / 1.8, stiffness.isotropic.bulk_modulus_gpa].map(|k| 1.0 / k);
@@ -101,6 +114,29 @@ fn the_properties_of_random_packings_lie_within_their_bounds() {
         let found = report.expansion.unwrap().isotropic_1_k;
         assert!((found - expected).abs() < 1e-4 * expected, "{found} {expected}");
     }
+    let mean = above.iter().sum::<f64>() / above.len() as f64;
+    assert!(mean < 0.007, "{mean}");
+}
+
+/// Iterations to the default tolerance: at most with the laminate rule at a contrast of 1000, and in the mean of the
+/// load cases with pores.
+#[test]
+fn iterations_grow_with_the_contrast_as_promised() {
+    let (packed, spheres) = random_packing(1);
+    let iterations = |options: &Value| {
+        let report = properties_of(&Model::new(&packed.specimen, &spheres), options);
+        report.stiffness.unwrap().error.iterations
+    };
+    let aggregate = |e: f64| {
+        let phase = |e: f64| json!({"youngs_modulus_gpa": e, "poissons_ratio": 0.2});
+        json!({"matrix": phase(25.0), "aggregate": phase(e)})
+    };
+    let stiff = iterations(&json!({"cells": 32, "kinds": "stiffness", "materials": aggregate(25e3)}));
+    assert!(stiff.iter().all(|n| (30..=80).contains(n)), "{stiff:?}");
+    let pores =
+        json!({"cells": 48, "kinds": "stiffness", "cut_voxels": "labels", "materials": aggregate(0.0)});
+    let pores = iterations(&pores);
+    assert!((60..=6 * 30).contains(&pores.iter().sum::<u64>()), "{pores:?}");
 }
 
 #[test]
@@ -113,20 +149,20 @@ fn the_file_is_the_same_on_any_number_of_threads() {
     };
     let grains = Solids::of_ellipsoids(shapes, vec![pose([1.0, 4.0, 9.5], 0.3), pose([6.0, 5.0, 4.0], 1.0)]);
     let model = Model::new(&specimen, &grains);
-    let of = |threads: usize| {
+    let of = |threads: usize, options: Value| {
         let export_threads = NonZeroUsize::new(threads).unwrap();
         let limits = Limits { export_threads, ..Limits::default() };
         let mut out = Vec::new();
-        request(&json!({"cells": 20})).write(&model, &limits, &Unattended, &mut out).unwrap();
-        String::from_utf8(out).unwrap()
+        request(&options).write(&model, &limits, &Unattended, &mut out).unwrap();
+        out
     };
-    let one = of(1);
+    let one = String::from_utf8(of(1, json!({"cells": 20}))).unwrap();
     for threads in [2, 4] {
-        assert_eq!(of(threads), one);
+        assert_eq!(String::from_utf8(of(threads, json!({"cells": 20}))).unwrap(), one);
     }
     let report: PropertyReport = serde_json::from_str(&one).unwrap();
     let phase = &report.phases[1];
-    assert!((phase.share - phase.exact_share).abs() < 1e-3 * phase.share, "{phase:?}");
+    assert!((phase.share - phase.exact_share).abs() < 1e-12, "{phase:?}");
     let c = stiffness_of(&report.stiffness.unwrap());
     assert!((c - c.transpose()).amax() == 0.0 && c.cholesky().is_some(), "{c}");
 }
@@ -261,6 +297,80 @@ fn refusals_name_the_field_and_have_an_example() {
     for (kinds, says) in [(json!("mass"), "\"mass\" is no kind"), (json!([]), "names no kind")] {
         let faults = ExportRequest::from_json(&json!({"type": "properties", "kinds": kinds})).unwrap_err();
         assert!(faults[0].to_string().contains(says), "{faults:?}");
+    }
+}
+
+/// Keeps each checkpoint that it is offered.
+#[derive(Default)]
+struct Keeps(std::sync::Mutex<Vec<Vec<u8>>>);
+
+impl Control for Keeps {
+    fn report(&self, _: &crate::Progress) {}
+    fn should_stop(&self) -> bool {
+        false
+    }
+    fn wants_checkpoint(&self) -> bool {
+        true
+    }
+    fn keep_checkpoint(&self, checkpoint: &crate::Checkpoint<'_>) {
+        let mut bytes = Vec::new();
+        checkpoint.write_to(&mut bytes).unwrap();
+        self.0.lock().unwrap().push(bytes);
+    }
+}
+
+#[test]
+fn what_was_solved_is_not_solved_again_and_changes_no_byte() {
+    let (specimen, grains) = (cube(10.0, Boundary::Periodic), one_ball(6.0));
+    let model = Model::new(&specimen, &grains);
+    let export = request(&json!({"cells": 10}));
+    let limits = Limits::default();
+    let identity = export.checkpoint_identity(&model).unwrap();
+    let make = |resume: Option<Resume>, model: &Model<'_>| {
+        let (control, mut out) = (Keeps::default(), Vec::new());
+        export.write_or_resume(model, &limits, resume, &control, &mut out).unwrap();
+        (out, control.0.into_inner().unwrap())
+    };
+    // Seven load cases of strain and temperature, and three of heat, on either grid.
+    let (whole, kept) = make(None, &model);
+    assert_eq!(kept.len(), 20);
+    for at in [0, 6, 7, 9, 10, 15, 18, 19] {
+        let resume = Resume::of_export(&mut &kept[at][..], &identity).unwrap();
+        let (out, solved) = make(Some(resume), &model);
+        assert_eq!((solved.len(), out == whole), (19 - at, true), "{at}");
+    }
+    // Of another packing nothing is of use, and of other options it is refused.
+    let resume = Resume::of_export(&mut &kept[15][..], &identity).unwrap();
+    let other = one_ball(5.0);
+    let other = Model::new(&specimen, &other);
+    let (out, solved) = make(Some(resume), &other);
+    assert_eq!((solved.len(), out == make(None, &other).0), (20, true));
+    let finer = request(&json!({"cells": 11})).checkpoint_identity(&model).unwrap();
+    assert!(Resume::of_export(&mut &kept[3][..], &finer).is_err());
+}
+
+/// Sharp polyhedra have their exact volume in voxels, rounded ones nearly.
+#[test]
+fn polyhedra_have_their_volume() {
+    use crate::shape::polyhedron::samples::{cuboid as polyhedron, octahedron};
+    let specimen = cube(10.0, Boundary::Periodic);
+    for (rounding, most) in [(0.0, 1e-12), (0.1, 1e-4)] {
+        let sharp = vec![polyhedron([1.0, 0.7, 0.4], 0.0), octahedron(1.0)];
+        let rounded = |body: crate::shape::Polyhedron| match rounding {
+            0.0 => body.normalized(),
+            rounding => body.with_relative_rounding(rounding).unwrap().normalized(),
+        };
+        let templates = sharp.into_iter().map(rounded).collect();
+        let pose = |at: [f64; 3], turn: f64| Pose {
+            center_mm: Vector3::from(at),
+            orientation: UnitQuaternion::from_euler_angles(turn, 0.4, 2.0 * turn),
+        };
+        let poses = vec![pose([1.0, 4.0, 9.5], 0.3), pose([6.0, 5.0, 4.0], 1.0)];
+        let grains = Solids::of_polyhedra(templates, &[0, 1], &[5.0, 4.0], poses);
+        let report =
+            properties_of(&Model::new(&specimen, &grains), &json!({"cells": 20, "kinds": "conductivity"}));
+        let phase = &report.phases[1];
+        assert!((phase.share - phase.exact_share).abs() < most * phase.share, "{rounding}: {phase:?}");
     }
 }
 

@@ -1,12 +1,14 @@
 //! The voxels of a packing for homogenization: phases, and shares and normals where a surface cuts a voxel.
 //!
-//! Shares of spheres are exact ([`ball`](super::ball)). Those of other grains are measured along lines, each of which
-//! the surface cuts exactly. Normals are those of the surface near the centre of the voxel. A voxel with more than two
-//! phases has the two of the largest shares.
+//! Shares of spheres, ellipsoids and sharp polyhedra are exact ([`cut_ellipsoid`](super::cut_ellipsoid),
+//! [`cut_polyhedron`](super::cut_polyhedron)), and normals are along the area vector of the surface in the voxel. Shares
+//! of rounded polyhedra are measured along lines, each of which the surface cuts exactly, and their normals are those
+//! of the surface near the centre of the voxel. A voxel with more than two phases has the two of the largest shares.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::ball::{Layer, Side};
+use super::cut_ellipsoid::CutEllipsoid;
+use super::cut_polyhedron::{Cutter, Pieces, Range, shares};
 use crate::control::Control;
 use crate::export::solids::{Aim, Sectioned};
 use crate::export::voxels::VoxelGrid;
@@ -18,8 +20,11 @@ use crate::threads::share;
 
 use std::num::NonZeroUsize;
 
-/// Lines along each edge of a voxel that shares of grains other than spheres are measured along.
+/// Lines along each edge of a voxel that shares of rounded polyhedra are measured along.
 const LINES: usize = 8;
+/// A single surface that cuts a share off a voxel has at least about this area vector, in faces of the voxel, over the
+/// power 2/3 of the share.
+const LEAST_AREA: f64 = 0.01;
 /// Shares below this are nothing.
 const LEAST_SHARE: f64 = 1e-9;
 /// The phase of the matrix.
@@ -167,11 +172,14 @@ impl Work<'_> {
     fn cut(&self, k: usize, plane: &mut Plane<'_>) {
         let heights = [self.grid.corner(2, k), self.grid.corner(2, k + 1)];
         let mut entries = Vec::new();
-        let mut aim = Aim::default();
+        let (mut aim, mut space) = (Aim::default(), (Cutter::default(), Vec::new()));
         for body in self.at(heights[0], heights[1]) {
-            match self.solids {
-                Sectioned::Spheres(_) => self.ball(heights, body, plane, &mut entries),
-                Sectioned::Solids { .. } => self.along_lines(heights, body, &mut entries, &mut aim),
+            match self.solids.polyhedron(body.grain) {
+                None => self.ellipsoid(heights, body, plane, &mut entries),
+                Some((convex, _)) if convex.rounding > 0.0 => {
+                    self.along_lines(heights, body, &mut entries, &mut aim);
+                }
+                Some(_) => self.sharp(heights, body, plane, &mut entries, &mut space),
             }
         }
         // Stable: of bodies in the order of the grains.
@@ -180,6 +188,10 @@ impl Work<'_> {
         let nx = self.grid.shape[0];
         for of_voxel in entries.chunk_by(|a, b| a.voxel == b.voxel) {
             let voxel = of_voxel[0].voxel as usize;
+            if plane.labels[voxel] != MATRIX {
+                // A grain fills it.
+                continue;
+            }
             let (label, cut) = plane.mixed(of_voxel, (voxel % nx) as u16);
             plane.labels[voxel] = label;
             if let Some(cut) = cut {
@@ -189,42 +201,85 @@ impl Work<'_> {
         }
     }
 
-    /// The voxels of a layer that a ball fills or cuts.
-    fn ball(&self, heights: [f64; 2], body: &Body, plane: &mut Plane<'_>, entries: &mut Vec<Entry>) {
-        let radius = body.half[0];
-        let z = heights.map(|z| z - body.center[2]);
-        let Some(layer) = Layer::new(radius, z) else { return };
-        let (columns, rows) = (self.reach(0, body), self.reach(1, body));
-        let side = |axis: usize, node: usize| layer.side(self.grid.corner(axis, node) - body.center[axis]);
-        let along_x: Vec<Side> = (columns.start..=columns.end).map(|i| side(0, i)).collect();
-        let along_y: Vec<Side> = (rows.start..=rows.end).map(|j| side(1, j)).collect();
-        let squares = |sides: &[Side]| -> Vec<[f64; 2]> {
-            sides.windows(2).map(|ends| squares([ends[0].at(), ends[1].at()])).collect()
+    /// The voxels of a layer that an ellipsoid fills or cuts.
+    fn ellipsoid(&self, [low, _]: [f64; 2], body: &Body, plane: &mut Plane<'_>, entries: &mut Vec<Entry>) {
+        let inverse = match self.solids.matrices(body.grain) {
+            Some((_, inverse)) => *inverse,
+            None => Matrix3::from_diagonal_element(1.0 / (body.half[0] * body.half[0])),
         };
-        let (x2, y2, z2) = (squares(&along_x), squares(&along_y), self::squares(z));
-        let r2 = radius * radius;
-        let volume_mm3 = self.grid.voxel_mm3();
-        for (row, j) in rows.enumerate() {
-            for (column, i) in columns.clone().enumerate() {
-                let square = |end: usize| x2[column][end] + y2[row][end] + z2[end];
-                if square(0) >= r2 {
-                    continue;
-                }
-                let voxel = j * self.grid.shape[0] + i;
-                if square(1) <= r2 {
-                    plane.labels[voxel] = body.phase;
-                    continue;
-                }
-                let sides = |sides: &'_ [Side], at: usize| [sides[at], sides[at + 1]];
-                let (x, y) = (sides(&along_x, column), sides(&along_y, row));
-                let share = layer.volume(x.each_ref(), y.each_ref()) / volume_mm3;
-                let normal = Vector3::new(x[0].at() + x[1].at(), y[0].at() + y[1].at(), z[0] + z[1]);
-                push(entries, voxel, body.phase, share, normal);
+        let Some(cut) = CutEllipsoid::new(&inverse, self.grid.spacing_mm) else { return };
+        for j in self.reach(1, body) {
+            for i in self.reach(0, body) {
+                let corner = Vector3::new(self.grid.corner(0, i), self.grid.corner(1, j), low);
+                let part = cut.part(&(corner - Vector3::from(body.center)));
+                self.take([i, j], body, (part.share, part.area), plane, entries, low);
             }
         }
     }
 
-    /// The parts of a layer's voxels that a grain of another shape fills.
+    /// The voxels of a layer that a sharp polyhedron fills or cuts.
+    fn sharp(
+        &self,
+        heights: [f64; 2],
+        body: &Body,
+        plane: &mut Plane<'_>,
+        entries: &mut Vec<Entry>,
+        (cutter, pieces): &mut (Cutter, Vec<Pieces>),
+    ) {
+        let Some((convex, place)) = self.solids.polyhedron(body.grain) else { return };
+        let (columns, rows) = (self.reach(0, body), self.reach(1, body));
+        let range = |axis: usize, of: &std::ops::Range<usize>| Range {
+            first: of.start,
+            n: of.len(),
+            edge_mm: self.grid.spacing_mm[axis],
+            origin_mm: -body.center[axis],
+        };
+        let ranges = [range(0, &columns), range(1, &rows)];
+        pieces.clear();
+        pieces.resize((columns.len() + 1) * rows.len(), Pieces::NONE);
+        for face in &convex.faces {
+            let corners =
+                face.iter().map(|vertex| place.rotation * convex.vertices[*vertex as usize] * place.scale);
+            cutter.add(corners, heights.map(|z| z - body.center[2]), ranges, pieces);
+        }
+        let [dx, dy, dz] = self.grid.spacing_mm;
+        let face_mm2 = (dx * dy).max(dy * dz).max(dx * dz);
+        for (j, pieces) in rows.zip(pieces.chunks_exact(columns.len() + 1)) {
+            for (i, (share, area)) in columns.clone().rev().zip(shares(pieces, self.grid.spacing_mm)) {
+                self.take([i, j], body, (share, area / face_mm2), plane, entries, heights[0]);
+            }
+        }
+    }
+
+    /// Takes note of the part of a voxel that a grain fills, with the area vector of its surface there in faces of the
+    /// voxel.
+    fn take(
+        &self,
+        [i, j]: [usize; 2],
+        body: &Body,
+        (share, area): (f64, Vector3<f64>),
+        plane: &mut Plane<'_>,
+        entries: &mut Vec<Entry>,
+        low: f64,
+    ) {
+        let voxel = j * self.grid.shape[0] + i;
+        let rest = share.min(1.0 - share);
+        if share <= LEAST_SHARE {
+            return;
+        }
+        if rest < LEAST_SHARE {
+            plane.labels[voxel] = body.phase;
+        } else if area.norm() > LEAST_AREA * crate::elementary::powf(rest, 2.0 / 3.0) {
+            push(entries, voxel, body.phase, share, area);
+        } else {
+            // Surfaces on both sides of the grain: that which is nearer to the centre.
+            let z = low + self.grid.spacing_mm[2] / 2.0;
+            let center = Vector3::new(self.grid.center(0, i), self.grid.center(1, j), z);
+            push(entries, voxel, body.phase, share, self.normal(body, &center));
+        }
+    }
+
+    /// The parts of a layer's voxels that a rounded polyhedron fills.
     fn along_lines(&self, [low, high]: [f64; 2], body: &Body, entries: &mut Vec<Entry>, aim: &mut Aim) {
         let (columns, rows) = (self.reach(0, body), self.reach(1, body));
         let [dx, dy, _] = self.grid.spacing_mm;
@@ -329,13 +384,6 @@ fn push(entries: &mut Vec<Entry>, voxel: usize, phase: u8, share: f64, normal: V
         let normal = normal.try_normalize(0.0).unwrap_or_default();
         entries.push(Entry { voxel: voxel as u32, phase, share, normal });
     }
-}
-
-/// Least and largest square of a coordinate between two.
-fn squares([low, high]: [f64; 2]) -> [f64; 2] {
-    let least = low.max(-high).max(0.0);
-    let most = low.abs().max(high.abs());
-    [least * least, most * most]
 }
 
 /// Adds to each voxel of a row the part of it that an interval covers, in units of voxels, times a weight.
