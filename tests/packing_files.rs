@@ -164,7 +164,39 @@ async fn tampered_results_are_refused_by_every_command() {
         change(&mut changed);
         cases.push((name, changed, says));
     };
-    case("a smaller sphere", &spheres, "its summary states", &|result| {
+    for (name, pointer, value, says) in [
+        ("another number", "/summary/grains", json!(3), "summary/grains is 3"),
+        ("a negative number", "/summary/grains", json!(-1), "its member `summary`"),
+        ("no summary", "/summary", Value::Null, "its member `summary` is missing"),
+        ("no check", "/check", Value::Null, "its member `check` is missing"),
+        ("a wider gap in words", "/check/min_gap_mm", json!(0.5), "check/min_gap_mm is 0.5"),
+        (
+            "another volume",
+            "/summary/volume_fraction_with_coating",
+            json!(0.2),
+            "summary/volume_fraction_with",
+        ),
+        ("another specimen", "/summary/specimen_volume_mm3", json!(9.0), "summary/specimen_volume_mm3 is 9"),
+        ("another class", "/summary/classes/0/grains", json!(1), "summary/classes/0/grains is 1"),
+        (
+            "an end before the target",
+            "/summary/partial",
+            json!({"reason": "finished",
+            "volume_fraction_requested": 0.4, "volume_fraction_reached": 0.3, "distance_mm_requested": null,
+            "distance_mm_reached": null, "size_scale": 1.0, "grains_requested": 9, "grains_placed": 9}),
+            "the seed draws 9",
+        ),
+        ("no reason", "/summary/partial", json!({"reason": "weather"}), "its member `summary`"),
+    ] {
+        case(name, &spheres, says, &|result| {
+            let (parent, field) = pointer.rsplit_once('/').unwrap();
+            match result.pointer_mut(parent).unwrap() {
+                Value::Array(items) => items[field.parse::<usize>().unwrap()] = value.clone(),
+                parent => parent[field] = value.clone(),
+            }
+        });
+    }
+    case("a smaller sphere", &spheres, "does not agree with the grains", &|result| {
         let d = number(result, 9, "d_mm") * (1.0 - 1e-6);
         set(result, 9, "d_mm", d);
     });
@@ -213,6 +245,21 @@ async fn tampered_results_are_refused_by_every_command() {
         }
     }
     assert!(!folder.join("made").exists(), "nothing is made of a packing that is not valid");
+
+    // The least of numbers as a diameter, and no file.
+    let table = fs::read_to_string(folder.join("out/result.csv")).unwrap();
+    let (rows, last) = table.trim_end().rsplit_once('\n').unwrap();
+    let mut fields: Vec<&str> = last.split(',').collect();
+    fields[column(&spheres, "d_mm")] = "1e-320";
+    fs::write(folder.join("changed.csv"), format!("{rows}\n{}\n", fields.join(","))).unwrap();
+    fs::write(folder.join("spheres.json"), self::spheres().to_string()).unwrap();
+    for args in [&["changed.csv", "--specimen", "spheres.json"][..], &["missing.json"]] {
+        let checked = packstone(folder, &[&["check"], args].concat()).await;
+        let made =
+            packstone(folder, &[&["export", args[0], "slice", "--out", "made"], &args[1..]].concat()).await;
+        assert_eq!((checked.code, made.code), (Some(3), Some(3)), "{checked:?} {made:?}");
+        assert_eq!(checked.stderr, made.stderr);
+    }
 
     // A file that was cut.
     let whole = fs::read(folder.join("out/result.json")).unwrap();
@@ -274,7 +321,8 @@ async fn grains_of_ones_own_are_checked_by_the_specimen_of_a_job() {
     for (arguments, says) in [
         (&["check", "grains.csv"][..], "--specimen JOB.json"),
         (&["export", "grains.csv", "slice"][..], "--specimen JOB.json"),
-        (&["check", "missing.json", "--json"][..], "is no file"),
+        (&["check", "missing.json", "--json"][..], "missing.json cannot be read"),
+        (&["check", ".", "--json"][..], "is no file"),
         (&["check", "grains.csv", "--specimen", "missing.json"][..], "missing.json"),
     ] {
         let refused = packstone(folder, arguments).await;

@@ -95,6 +95,22 @@ async fn a_partial_result_is_gone_on_with_where_only_limits_have_changed() {
     let reached = |result: &Value| result["summary"]["volume_fraction_effective"].as_f64().unwrap();
     assert!(reached(&second) > reached(&first), "{} {}", reached(&second), reached(&first));
     assert_eq!(second["statistics"]["edmd"]["resumes"], 1);
+    let classes = second["summary"]["classes"].as_array().unwrap();
+    let counted: u64 = classes.iter().map(|class| class["grains"].as_u64().unwrap()).sum();
+    assert_eq!(counted, second["summary"]["grains"], "at the sizes that they have");
+
+    // A run that fails costs nothing of what was reached, and none starts anew in its place.
+    let checkpoint = folder.join("out/checkpoint.packstone");
+    write(folder, &job(&json!({"events": 4001}), "fail"));
+    let failed = packstone(folder, &resume).await;
+    assert_eq!((failed.code, checkpoint.exists()), (Some(4), true), "{failed:?}");
+    write(folder, &job(&json!({"events": 300}), "keep"));
+    fs::rename(&checkpoint, folder.join("elsewhere")).unwrap();
+    let refused = packstone(folder, &resume).await;
+    assert!(refused.code == Some(3) && refused.stderr.contains("may reach less"), "{refused:?}");
+    assert_eq!(result(folder), second);
+    fs::rename(folder.join("elsewhere"), &checkpoint).unwrap();
+
     let mut whole = job(&json!({}), "fail");
     whole["timeout_s"] = json!(600);
     write(folder, &whole);

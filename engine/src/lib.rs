@@ -63,7 +63,9 @@ pub use memory::OutOfMemory;
 pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
-pub use run::{VerifyError, checked_as, inspect, pack, pack_or_resume, verify, verify_failure};
+pub use run::{
+    VerifyError, checked_as, compare_stated, inspect, pack, pack_or_resume, verify, verify_failure,
+};
 pub use template_cache::TemplateCache;
 
 /// Version of the engine, recorded in every result.

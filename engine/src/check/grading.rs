@@ -110,7 +110,8 @@ pub(super) fn check(
     Ok(as_they_are(judged, grains, part))
 }
 
-/// The classes and aggregates with the grains at the sizes that they have.
+/// The classes and aggregates with the grains at the sizes that they have. Grains that are finer than all classes now
+/// count in the finest.
 fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
     let mut all = vec![&mut graded.classes];
     let by_aggregate = !graded.aggregates.is_empty();
@@ -118,10 +119,10 @@ fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
     for class in all.iter_mut().flat_map(|classes| classes.iter_mut()) {
         (class.grains, class.volume_mm3) = (0, 0.0);
     }
-    for (row, aggregate) in part.iter().enumerate().take(grains.len()) {
+    for row in 0..grains.len() {
         let (d, volume_mm3) = grains.get(row);
         let d = d * (1.0 - grains.size_error(row));
-        let of_aggregate = by_aggregate.then(|| 1 + usize::from(*aggregate));
+        let of_aggregate = part.get(row).filter(|_| by_aggregate).map(|&number| 1 + usize::from(number));
         for number in std::iter::once(0).chain(of_aggregate) {
             if let Some(index) = class_of(all[number], d) {
                 all[number][index].grains += 1;
@@ -456,17 +457,27 @@ fn check_cumulative(
     rounding: f64,
     has_all: bool,
 ) -> Result<(), String> {
-    let (mut excess, mut allowed) = (0.0, 0.0);
+    let (mut asked_mm3, mut excess, mut allowed) = (0.0, 0.0, 0.0);
     for ((class, &largest), &doubtful) in classes.iter().zip(largest).zip(doubtful_mm3).rev() {
+        asked_mm3 += class.target_volume_mm3;
         excess += class.volume_mm3 - class.target_volume_mm3;
         allowed =
             if class.grains > 0 || doubtful > 0.0 { largest } else { allowed - class.target_volume_mm3 };
-        if has_all && excess + doubtful < -rounding || excess > allowed + rounding {
-            return Err(format!(
-                "above {} mm the grains have {excess} mm3 more than the curve asks for: must be from 0 to {allowed} \
-                 mm3",
-                class.d_min_mm
-            ));
+        let is_short = has_all && excess + doubtful < -rounding;
+        if is_short || excess > allowed + rounding {
+            let (sieve, asked) = (class.d_min_mm, asked_mm3 + excess);
+            return Err(if is_short {
+                format!(
+                    "above {sieve} mm the grains have {asked} mm3 of the {asked_mm3} mm3 that the curve asks for: grains \
+                     are missing"
+                )
+            } else {
+                format!(
+                    "above {sieve} mm the grains have {asked} mm3, and the curve asks for {asked_mm3} mm3: must be from \
+                     {asked_mm3} to {} mm3",
+                    asked_mm3 + allowed.max(0.0)
+                )
+            });
         }
     }
     Ok(())
@@ -532,7 +543,7 @@ mod tests {
             };
             let classes = judge(&found).unwrap().classes;
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
-            assert!(judge(&found[5..]).unwrap_err().contains("more than the curve asks for"));
+            assert!(judge(&found[5..]).unwrap_err().contains("grains are missing"));
             for factor in [0.9, 1.1] {
                 let other: Vec<(f64, f64)> = found.iter().map(|(size, of)| (size * factor, *of)).collect();
                 assert!(judge(&other).is_err());

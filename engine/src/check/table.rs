@@ -11,6 +11,9 @@ use crate::elementary::{cbrt, log2};
 use crate::memory::{OutOfMemory, collected, copied, filled, reserved};
 use crate::packing::Spheres;
 
+/// Octaves of the largest to the least of numbers.
+const MOST_OCTAVES: f64 = 2100.0;
+
 /// A grain as the table holds it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grain {
@@ -60,7 +63,8 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
         reach_beyond: G,
     ) -> Result<Self, OutOfMemory> {
         let largest = spheres.d_mm.iter().copied().fold(0.0, f64::max);
-        let octave_of = |d: f64| log2(largest / d) as usize;
+        // The ratio to the least of numbers is no number: such a grain lies in the last octave.
+        let octave_of = |d: f64| log2(largest / d).min(MOST_OCTAVES) as usize;
         let mut grains_of: Vec<usize> = Vec::new();
         for &d in &spheres.d_mm {
             let octave = octave_of(d);

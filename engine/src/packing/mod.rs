@@ -309,7 +309,7 @@ pub struct Timings {
     /// Random sequential addition.
     pub rsa: f64,
     /// Event-driven molecular dynamics; absent where nothing was grown.
-    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "unless_zero")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edmd: Option<f64>,
     /// Hard-particle Monte Carlo; absent where nothing was grown by it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -318,11 +318,6 @@ pub struct Timings {
     pub check: f64,
     /// All of it.
     pub total: f64,
-}
-
-/// Reads a time; earlier revisions wrote 0 for a phase that was not run.
-fn unless_zero<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
-    Ok(Option::<f64>::deserialize(deserializer)?.filter(|seconds| *seconds > 0.0))
 }
 
 /// What the algorithms counted.
@@ -468,4 +463,20 @@ pub struct CheckReport {
     pub max_class_mass_error: f64,
     /// Pairs whose distance was computed.
     pub pairs_checked: u64,
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    /// A length that is stated before a text is sent is that of the text: nothing may change between the two.
+    #[test]
+    fn times_are_read_as_they_are_written() {
+        for edmd in [None, Some(0.0), Some(1.5)] {
+            let times = Timings { edmd, monte_carlo: edmd, ..Timings::default() };
+            let text = serde_json::to_string(&times).unwrap();
+            assert_eq!(serde_json::from_str::<Timings>(&text).unwrap(), times);
+        }
+    }
 }

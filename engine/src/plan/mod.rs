@@ -237,7 +237,7 @@ impl Plan {
         };
         check_limits(&mix, grains, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
-        warnings.extend(mix_warnings(request, &mix));
+        warnings.extend(mix_warnings(request, &mix, densest.is_some()));
         let cube = densest.map_or(1.0, |drawing| drawing.scale().powi(3));
         let classes = sieve_classes(&mix)
             .iter()
@@ -465,8 +465,9 @@ fn unlikely(case: &Case<'_>, likely: &MethodEstimate) -> Option<String> {
     })
 }
 
-/// Warnings about a mix in its specimen, whatever the method.
-pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix) -> Vec<String> {
+/// Warnings about a mix in its specimen, whatever the method. The volume fraction of one that is to be as large as
+/// possible (`is_densest`) was not asked for.
+pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest: bool) -> Vec<String> {
     let grains = mix.expected_grains();
     let mut warnings = Vec::new();
     for part in request.mix.parts() {
@@ -480,7 +481,7 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix) -> Vec<Str
     if mix.list.is_none() && grains < 10.0 {
         warnings.push(format!("about {grains:.1} grains: too few to follow the grading curve"));
     }
-    if mix.list.is_none() && mix.volume_fraction_mixture > 1.0 {
+    if mix.list.is_none() && !is_densest && mix.volume_fraction_mixture > 1.0 {
         warnings.push(format!(
             "the whole mix, finer grains too, would fill {:.4} of the specimen: no concrete has this mix",
             mix.volume_fraction_mixture

@@ -299,7 +299,8 @@ impl<'a> At<'a> {
     }
 }
 
-/// The items of an array, or one element in place of a list. An item gets its pointer when it is visited: an array may hold a million numbers.
+/// The items of an array, or one element in place of a list. An item gets its pointer when it is visited: an array may
+/// hold a million numbers.
 #[derive(Clone, Debug)]
 pub struct Items<'a> {
     at: At<'a>,

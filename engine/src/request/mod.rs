@@ -208,8 +208,8 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_min_mm: Option<f64>,
-    /// Largest diameter that is placed: coarser grains count in `all_aggregate` and are not placed. All that the grading
-    /// describes when absent.
+    /// Largest diameter that is placed: coarser grains count in `all_aggregate` and are not placed. All that the
+    /// grading describes when absent.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 1e-6, maximum = 1e6))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub d_max_mm: Option<f64>,

@@ -25,7 +25,7 @@ use crate::request::{Method, PackingRequest};
 use crate::template_cache::TemplateCache;
 
 /// Factors on all sizes with which grains count as those that were drawn,
-const AS_DRAWN: [f64; 2] = [0.97, 1.03];
+pub(super) const AS_DRAWN: [f64; 2] = [0.97, 1.03];
 /// and those that a packing is expected to have, beyond which growth ends early: the former with the error of what is
 /// known before it jams.
 const EXPECTED: [f64; 2] = [0.965, 1.035];

@@ -47,7 +47,7 @@ use crate::template_cache::TemplateCache;
 use partial::{Kept, Short};
 
 pub use partial::checked_as;
-pub use verify::{VerifyError, verify, verify_failure};
+pub use verify::{VerifyError, compare_stated, verify, verify_failure};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
@@ -276,7 +276,7 @@ impl Figures {
     ) -> Result<Self, OutOfMemory> {
         let rule = DistanceRule::new(&checked.distance, &checked.specimen);
         let mut warnings: Vec<String> = coarse.into_iter().collect();
-        warnings.extend(mix_warnings(checked, mix));
+        warnings.extend(mix_warnings(checked, mix, kept.drawing.is_some()));
         if mix.list.is_none() && kept.extent(grains.len()) == Extent::WHOLE {
             warnings.extend(deviation::class_warning(&check.classes));
             warnings.extend(deviation::aggregate_warning(&check.aggregates));
@@ -290,6 +290,7 @@ impl Figures {
         };
         let found = check.found;
         let summary = kept.in_summary(summary(mix, &rule, grains, method_used, check), mix, checked);
+        warnings.extend(partial::scale_warning(&summary));
         warnings.extend(partial::warning(&summary));
         Ok(Self {
             summary,
@@ -500,7 +501,7 @@ fn summary(
 ) -> Summary {
     let grains = GrainsRef::from(grains);
     let total = |size: &dyn Fn(f64) -> f64| {
-        grains.diameters_mm().map(|d| sphere_volume(size(d))).sum::<f64>() / mix.specimen_volume_mm3
+        grains.diameters_mm().fold(0.0, |sum, d| sum + sphere_volume(size(d))) / mix.specimen_volume_mm3
     };
     Summary {
         grains: grains.len() as u64,

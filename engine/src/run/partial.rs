@@ -5,7 +5,10 @@
 //! is below the scale that growth reached. Random addition keeps the grains that it placed. Where the distance is to be
 //! as large as possible, grains that have their sizes keep them, and the distance that was reached is the result.
 
+use super::densest::AS_DRAWN;
 use super::size_scale::largest_scale;
+use super::verify::VerifyError;
+use super::verify_run::judge_kept;
 use super::{Placed, as_checked, distance_asked_mm};
 use crate::check::Extent;
 use crate::distance::DistanceRule;
@@ -104,12 +107,18 @@ impl Kept {
 
 /// The request by which the packing of a result is checked, and what it has of the grains of that request: of a request
 /// whose volume fraction or distance is to be as large as possible the one with those of the result.
-#[must_use]
-pub fn checked_as(request: &PackingRequest, summary: &Summary) -> (PackingRequest, Extent) {
+///
+/// # Errors
+/// [`VerifyError::Wrong`] where no run of the request ends with such a summary.
+pub fn checked_as(
+    request: &PackingRequest,
+    summary: &Summary,
+) -> Result<(PackingRequest, Extent), VerifyError> {
     let grains_requested = summary.partial.map_or(summary.grains, |partial| partial.grains_requested);
+    judge_kept(request, summary, summary.grains as usize, grains_requested as usize)?;
     let kept = Kept::of_summary(request, summary, grains_requested);
     let drawn = kept.drawing.map_or_else(|| request.clone(), |drawing| drawing.numbers_of(request));
-    (as_checked(&drawn, summary.distance_mm), kept.extent(summary.grains as usize))
+    Ok((as_checked(&drawn, summary.distance_mm), kept.extent(summary.grains as usize)))
 }
 
 /// Scales the grains of a run that ended before its target, if it did, so that they keep their distances. It has so
@@ -185,6 +194,18 @@ pub(super) fn scaled(shape: &Solid, factor: f64) -> Solid {
     }
 }
 
+/// What a user should know of sizes that are not those of the mix, in one sentence: where the second drawing of a
+/// volume fraction that is to be as large as possible did not follow.
+pub(super) fn scale_warning(summary: &Summary) -> Option<String> {
+    let scale = summary.size_scale.filter(|_| summary.volume_fraction_drawn.is_some())?;
+    (!(AS_DRAWN[0]..=AS_DRAWN[1]).contains(&scale)).then(|| {
+        format!(
+            "all sizes are scaled by {scale:.4} to fit, so that they are not those of the mix: the limits of the method \
+             left no second drawing of grains; raise method.stop"
+        )
+    })
+}
+
 /// What a user should know of a packing that is partial, in one sentence.
 pub(super) fn warning(summary: &Summary) -> Option<String> {
     let partial = summary.partial.as_ref()?;
@@ -192,7 +213,7 @@ pub(super) fn warning(summary: &Summary) -> Option<String> {
         PartialReason::TimeLimit => "the limit of time of the method",
         PartialReason::EventLimit => "the limit of events or sweeps of the method",
         PartialReason::Stalled => "a jam of the grains",
-        PartialReason::Saturated => "saturation",
+        PartialReason::Saturated => "random addition, which found no place for a grain,",
         PartialReason::TimedOut => "the time limit of the job",
         PartialReason::Finished => "a request to finish",
     };

@@ -371,10 +371,11 @@ fn a_run_that_is_to_finish_ends_with_what_it_has_whatever_its_limits_say() {
         )
         .unwrap();
         if let Grains::Spheres(_) = packing.grains {
+            let (checked, extent) = checked_as(&request, &packing.report.summary).unwrap();
             check::check_grains(
                 &packing.grains,
-                &checked_as(&request, &packing.report.summary).0,
-                checked_as(&request, &packing.report.summary).1,
+                &checked,
+                extent,
                 Scope::All,
                 &SieveSizes::default(),
                 std::num::NonZeroUsize::MIN,

@@ -2,7 +2,7 @@
 //! used.
 
 use super::verify::VerifyError;
-use crate::packing::{Grains, MethodUsed, PartialReason, Report, Statistics};
+use crate::packing::{Grains, MethodUsed, PartialReason, Report, Statistics, Summary};
 use crate::request::{Distance, Method, OnLimit, PackingRequest};
 
 /// Most points of a growth curve.
@@ -22,11 +22,10 @@ pub(super) fn within(name: &str, found: f64, most: f64) -> Result<(), VerifyErro
 /// are those of the packing.
 pub(super) fn judge_kept(
     request: &PackingRequest,
-    report: &Report,
+    summary: &Summary,
     found: usize,
     requested: usize,
 ) -> Result<(), VerifyError> {
-    let summary = &report.summary;
     let Some(partial) = summary.partial else {
         if found != requested {
             return VerifyError::wrong(format!("the packing has {found} grains: the seed draws {requested}"));

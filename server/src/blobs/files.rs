@@ -236,8 +236,10 @@ impl Blobs for Files {
     }
 
     fn remove(&self, names: &[String]) -> io::Result<()> {
+        // A folder that was moved misses every file: their removal must not be forgotten, nor where it is put back in
+        // between.
+        self.check_identity()?;
         names.iter().try_for_each(|name| remove_file(&self.locate(name)))?;
-        // A folder that was moved misses every file: their removal must not be forgotten.
         self.check_identity()
     }
 

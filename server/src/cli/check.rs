@@ -57,6 +57,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     if directory.is_file() {
         return options.packing.check(directory);
     }
+    if let Err(error) = std::fs::metadata(directory) {
+        return Err(Exit::BadInput.because(format_args!("{} cannot be read: {error}", directory.display())));
+    }
     if options.packing.are_given() {
         let path = directory.display();
         return Err(Exit::BadInput.because(format_args!(

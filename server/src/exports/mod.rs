@@ -32,7 +32,9 @@ pub(crate) const MAX_WAITING: u64 = 1000;
 pub(crate) fn distance_kept(head: &Head) -> Distance {
     let none = Distance::None { wall_gap_mm: None };
     JobRequest::read(&head.request, 0, None)
-        .map_or(none, |request| checked_as(&request.packing(), &head.report.summary).0.distance)
+        .ok()
+        .and_then(|request| checked_as(&request.packing(), &head.report.summary).ok())
+        .map_or(none, |(checked, _)| checked.distance)
 }
 
 /// The state of an export.

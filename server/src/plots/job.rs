@@ -161,7 +161,8 @@ fn sized(result: &JobResult<'_>) -> io::Result<Vec<SizedGrain>> {
 /// A request as its packing has it, where the volume fraction was to be as large as possible: with the volume that is
 /// placed, of a list with the sizes that it was scaled to.
 fn at_scale(request: &PackingRequest, summary: &Summary) -> PackingRequest {
-    let mut request = packstone_engine::checked_as(request, summary).0;
+    let checked = packstone_engine::checked_as(request, summary);
+    let mut request = checked.map_or_else(|_| request.clone(), |(checked, _)| checked);
     if let Some(scale) = summary.size_scale {
         if let Some(VolumeFraction::Of(fraction)) = &mut request.mix.volume_fraction {
             *fraction *= scale.powi(3);

@@ -94,10 +94,10 @@ def _attack_copy(rig, random, damage):
     if rig.blobs:
         command += ["--blobs", rig.blobs]
     try:
-        known = _documents(rig)
+        known, whole = _documents(rig), _whole_jobs(rig)
         # No other fault is injected at the same time: a backup is made while the service runs.
         ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment(), timeout=60)
-        if ended.returncode != 0 and _names_damaged_files_alone(rig, ended.stdout):
+        if ended.returncode != 0 and _names_damaged_files_alone(whole & _whole_jobs(rig), ended.stdout):
             rig.ledger.count("backups that named a damaged file")
             return
         if ended.returncode != 0:
@@ -117,10 +117,14 @@ def _attack_copy(rig, random, damage):
         shutil.rmtree(copy, ignore_errors=True)
 
 
-def _names_damaged_files_alone(rig, printed):
-    """Whether a backup names files, and each is one that a fault has damaged and nobody has had packed again yet."""
+def _whole_jobs(rig):
+    """The jobs whose files no fault has damaged, or that were packed again since."""
+    return {job.id for job in list(rig.jobs.values()) if not (job.deleted or job.damaged)}
+
+
+def _names_damaged_files_alone(whole, printed):
+    """Whether a backup names files, and none of a job that was `whole` from its begin to its end."""
     named = [flips.NAME.search(line) for line in printed.splitlines() if ": " in line and "deleted while" not in line]
-    whole = {job.id for job in list(rig.jobs.values()) if not (job.deleted or job.damaged)}
     return bool(named) and all(found and found.group(1) not in whole for found in named)
 
 

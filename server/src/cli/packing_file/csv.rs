@@ -1,7 +1,8 @@
 //! Grains as a table of text: a header with the names of the columns, then a row for each grain.
 //!
-//! The columns are those of the tables of a result, in any order, separated by commas, semicolons or tabs. Columns that
-//! follow from others may be missing: `sieve_mm`, and `d_mm` of ellipsoids.
+//! The columns are those of the tables of a result, in any order, separated by commas, semicolons or tabs; beside the
+//! latter two, commas are decimal signs. Columns that follow from others may be missing: `sieve_mm`, and `d_mm` of
+//! ellipsoids.
 
 use std::io;
 
@@ -18,7 +19,7 @@ const SHOWN: usize = 40;
 /// [`io::ErrorKind::InvalidData`] with the row, counted from 0 below the header, or the column.
 pub(super) fn read(text: &str) -> io::Result<(Table, Vec<Column>)> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let mut lines = text.lines().filter(|line| !line.trim().is_empty());
+    let mut lines = text.split(['\n', '\r']).filter(|line| !line.trim().is_empty());
     let header = lines
         .next()
         .ok_or_else(|| invalid("it is empty: a header with names of columns is missing".into()))?;
@@ -39,8 +40,10 @@ pub(super) fn read(text: &str) -> io::Result<(Table, Vec<Column>)> {
         }
         for (place, values) in places.iter().zip(&mut values) {
             let Some(place) = *place else { continue };
-            let field = fields[place].trim();
-            let Ok(value) = field.parse::<f64>() else {
+            let field = fields[place].trim().trim_matches('"');
+            // Where commas separate nothing, they may be decimal signs.
+            let number = if separator == ',' { field.parse() } else { field.replacen(',', ".", 1).parse() };
+            let Ok(value): Result<f64, _> = number else {
                 let (shown, name) = (field.chars().take(SHOWN).collect::<String>(), names[place]);
                 return Err(invalid(format!(
                     "row {row} has {shown:?} in the column {name}: must be a number"
@@ -140,6 +143,8 @@ mod tests {
             "x_mm,y_mm,z_mm,d_mm\n1,2,3,0.5\n4,5.5,6,0.25\n",
             "\u{feff}d_mm;x_mm;z_mm;y_mm\r\n0.5;1;3;2\r\n0.25;4;6;5.5\r\n\r\n",
             "\"d_mm\"\t\"x_mm\"\tz_mm\ty_mm\n5e-1\t 1\t3\t2\n0.25\t4\t6\t5.5",
+            "\"x_mm\",\"y_mm\",\"z_mm\",\"d_mm\"\n\"1\",\"2\",\"3\",\"0.5\"\n\"4\",\"5.5\",\"6\",\"0.25\"\n",
+            "x_mm;y_mm;z_mm;d_mm\r1;2;3;0,5\r4;5,5;6;0,25\r",
         ] {
             assert_eq!(values(text), expected, "{text}");
         }

@@ -16,10 +16,13 @@ use packstone_engine::check::{Extent, Fault, Inspection};
 use packstone_engine::export::tables::stored::{Layout, MAGIC_BYTES, is_stored, verify};
 use packstone_engine::export::tables::{self, Column, EngineInfo, GrainSource as _, Table, TemplateRecord};
 use packstone_engine::export::{Model, Provenance};
-use packstone_engine::packing::{GrainsRef, Summary};
-use packstone_engine::request::Specimen;
-use packstone_engine::{Control, Grains, PackingRequest, Progress, TemplateCache, checked_as, inspect};
+use packstone_engine::packing::{CheckReport, GrainsRef, Summary};
+use packstone_engine::request::{MIN_LENGTH_MM, Specimen};
+use packstone_engine::{
+    Control, Grains, PackingRequest, Progress, TemplateCache, checked_as, compare_stated, inspect,
+};
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::exit::{Exit, Failure, cannot_be};
@@ -67,7 +70,8 @@ struct Unchecked {
     /// The columns that stand in the file; others follow from them.
     stated: Vec<Column>,
     provenance: Option<Provenance>,
-    summary: Option<Summary>,
+    /// What a result states of its grains.
+    stated_figures: Option<(Summary, CheckReport)>,
     is_result: bool,
 }
 
@@ -83,6 +87,8 @@ struct Document {
     /// Of another version, it may not be one that is read.
     #[serde(default)]
     summary: Value,
+    #[serde(default)]
+    check: Value,
 }
 
 #[derive(Deserialize)]
@@ -146,9 +152,10 @@ pub(super) fn read(
         Some(job) => Exit::BadInput.because(format_args!("{} is refused: {faults}", job.display())),
         None => unread(&faults),
     })?;
+    let of_file = request.clone();
     let mut extent = Extent::WHOLE;
-    if let (None, Some(summary)) = (of_job, &unchecked.summary) {
-        (request, extent) = checked_as(&request, summary);
+    if let (None, Some((summary, _))) = (of_job, &unchecked.stated_figures) {
+        (request, extent) = checked_as(&request, summary).map_err(|fault| unread(&fault))?;
     }
     let templates = TemplateCache::default();
     let (grains, rows) =
@@ -166,11 +173,13 @@ pub(super) fn read(
             }
         })?;
     if unchecked.is_result && of_job.is_none() {
-        if let (Err(fault), true) = (&found.grading, has_mix) {
-            return Err(invalid(fault));
-        }
-        if let Some(stated) = &unchecked.summary {
-            compare(stated, &grains, request.specimen.volume_mm3()).map_err(|fault| invalid(&fault))?;
+        match (&found.grading, &unchecked.stated_figures) {
+            (Err(fault), _) if has_mix => return Err(invalid(fault)),
+            (Ok(check), Some((summary, stated))) => {
+                compare_stated(&of_file, (summary, stated), &grains, check.clone())
+                    .map_err(|fault| invalid(&fault))?;
+            }
+            _ => {}
         }
     }
     Ok(PackingFile { request, grains, provenance: unchecked.provenance, found, has_mix, rows })
@@ -232,11 +241,17 @@ fn read_any(input: &mut BufReader<File>) -> io::Result<Unchecked> {
     }
     let mut bytes = Vec::new();
     input.read_to_end(&mut bytes)?;
-    let text = String::from_utf8(bytes).map_err(|_| {
-        invalid("it is no result as JSON, no stored result, and no table of text in UTF-8".into())
+    if [&b"\xff\xfe"[..], b"\xfe\xff"].iter().any(|mark| bytes.starts_with(mark)) {
+        return Err(invalid("it is text in UTF-16: save it in UTF-8".into()));
+    }
+    let text = String::from_utf8(bytes).map_err(|error| {
+        invalid(format!(
+            "it is no result as JSON, no stored result, and no table of text in UTF-8 (byte {} is of another encoding)",
+            error.utf8_error().valid_up_to()
+        ))
     })?;
     let (table, stated) = csv::read(&text)?;
-    Ok(Unchecked { request: None, table, stated, provenance: None, summary: None, is_result: false })
+    Ok(Unchecked { request: None, table, stated, provenance: None, stated_figures: None, is_result: false })
 }
 
 fn read_stored(input: &mut BufReader<File>) -> io::Result<Unchecked> {
@@ -246,15 +261,23 @@ fn read_stored(input: &mut BufReader<File>) -> io::Result<Unchecked> {
     input.seek(SeekFrom::Start(layout.columns_offset))?;
     let table = columns(input, &layout)?.with_templates(layout.templates.clone());
     let provenance = Some(Provenance::from(&layout.head));
-    let summary = Some(layout.head.report.summary.clone());
+    let report = &layout.head.report;
+    let stated_figures = Some((report.summary.clone(), report.check));
     let stated = layout.columns.to_vec();
-    Ok(Unchecked { request: Some(layout.head.request), table, stated, provenance, summary, is_result: true })
+    Ok(Unchecked {
+        request: Some(layout.head.request),
+        table,
+        stated,
+        provenance,
+        stated_figures,
+        is_result: true,
+    })
 }
 
 fn read_json(input: &mut BufReader<File>) -> io::Result<Unchecked> {
     let document: Document = strict_json::from_file(input)?;
     let provenance = document.provenance();
-    let summary = serde_json::from_value(document.summary).ok();
+    let stated_figures = Some((member("summary", document.summary)?, member("check", document.check)?));
     let Rows { columns, rows } = document.grains;
     let columns = Column::of_names(&columns)
         .ok_or_else(|| invalid("the columns of its `grains` are not those of a result".into()))?;
@@ -266,7 +289,15 @@ fn read_json(input: &mut BufReader<File>) -> io::Result<Unchecked> {
     let templates = tables::read_templates(columns, document.templates)?;
     let table = Table::new(columns, values)?.with_templates(templates);
     let (request, stated) = (Some(document.request), columns.to_vec());
-    Ok(Unchecked { request, table, stated, provenance, summary, is_result: true })
+    Ok(Unchecked { request, table, stated, provenance, stated_figures, is_result: true })
+}
+
+/// A member of a result that states figures of its grains.
+fn member<T: DeserializeOwned>(name: &str, value: Value) -> io::Result<T> {
+    if value.is_null() {
+        return Err(invalid(format!("its member `{name}` is missing, as every result has it")));
+    }
+    serde_json::from_value(value).map_err(|error| invalid(format!("its member `{name}`: {error}")))
 }
 
 fn columns(input: &mut impl io::Read, layout: &Layout) -> io::Result<Table> {
@@ -303,6 +334,14 @@ fn grains_of(
             column.name()
         )));
     }
+    // A request names no smaller grain, and ratios of lengths would leave the range of numbers.
+    let least =
+        GrainsRef::from(&grains).diameters_mm().enumerate().find(|(_, d)| *d > 0.0 && *d < MIN_LENGTH_MM);
+    if let (false, Some((grain, d))) = (is_result, least) {
+        return Err(invalid(format!(
+            "grain {grain} has a diameter of {d:e} mm: must be at least {MIN_LENGTH_MM:e} mm"
+        )));
+    }
     let order = tables::descending(&table)?;
     if let Some(rows) = &order {
         if is_result {
@@ -314,25 +353,6 @@ fn grains_of(
         grains = tables::load(&table.reordered(rows))?;
     }
     Ok((grains, order))
-}
-
-/// Compares what a result states with its grains.
-fn compare(stated: &Summary, grains: &Grains, specimen_mm3: f64) -> Result<(), String> {
-    let grains = GrainsRef::from(grains);
-    if stated.grains != grains.len() as u64 {
-        return Err(format!("it has {} grains: its summary states {}", grains.len(), stated.grains));
-    }
-    let volume: f64 = grains.diameters_mm().map(|d| std::f64::consts::FRAC_PI_6 * d * d * d).sum();
-    for (name, found, stated) in [
-        ("d_min_mm", grains.diameters_mm().next_back().unwrap_or(0.0), stated.d_min_mm),
-        ("d_max_mm", grains.diameters_mm().next().unwrap_or(0.0), stated.d_max_mm),
-        ("volume_fraction_effective", volume / specimen_mm3, stated.volume_fraction_effective),
-    ] {
-        if (found - stated).abs() > ROUNDING * found.abs() {
-            return Err(format!("its grains have a {name} of {found}: its summary states {stated}"));
-        }
-    }
-    Ok(())
 }
 
 /// A fault with the rows of the file in place of the grains.

@@ -225,7 +225,10 @@ fn pack(
             }
             PackError::Plan(error) => Err(refused(&options.job, &error)),
             ended => {
-                earlier.discard_checkpoint()?;
+                // That of a partial result stays: a run with other limits goes on from it.
+                if !earlier.is_partial() {
+                    earlier.discard_checkpoint()?;
+                }
                 Err(exit.because(ended))
             }
         }

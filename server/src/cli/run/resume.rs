@@ -107,6 +107,11 @@ impl Earlier {
         Ok(Self { checkpoint, unfinished, stored, record, result, is_partial })
     }
 
+    /// Whether the result that is there is partial.
+    pub(super) fn is_partial(&self) -> bool {
+        self.is_partial
+    }
+
     /// Whether a partial result is replaced, and nothing is left of its run.
     pub(super) fn is_replaced(&self, options: &Options) -> bool {
         self.is_partial && options.force && !options.earlier.resume
@@ -168,6 +173,13 @@ impl Earlier {
         let existing = || foreign.iter().filter(|file| file.exists());
         let goes_on =
             resumes && self.is_partial && self.result.as_ref().map(of_limits) == Some(of_limits(&ours));
+        if resumes && self.is_partial && state.is_none() && !options.force {
+            return Err(Exit::BadInput.because(format_args!(
+                "{} is missing, from which the run of the partial result would go on: a run from the start may reach \
+                 less; take another folder by --out, or replace the partial result by --force",
+                self.checkpoint.display()
+            )));
+        }
         if goes_on {
             return Ok((state, kept));
         }
