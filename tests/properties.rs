@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Server, id_of, packstone};
+use crate::harness::deadline::eventually;
+use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, packstone};
 
 /// Materials of which the grains are stiffer by a factor.
 fn materials(contrast: f64) -> Value {
@@ -125,6 +127,76 @@ async fn the_service_makes_the_same_file_and_names_what_is_missing() {
     let file = client.get(&path(&done, &options)).send().await.expect(200).body.clone();
     let file: Value = serde_json::from_slice(&file).unwrap();
     assert!(number(&file["stiffness"]["isotropic"]["youngs_modulus_gpa"]) > 25.0, "{file:#}");
+    server.stop().await;
+}
+
+/// Many iterations a load case.
+fn hard() -> String {
+    let hard = urlencode(&materials(300.0).to_string());
+    format!("cells=48&kinds=stiffness&fields=true&materials={hard}")
+}
+
+#[tokio::test]
+async fn a_command_that_was_killed_goes_on_from_its_load_cases() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    fs::write(folder.join("mix.json"), with_materials().to_string()).unwrap();
+    fs::write(folder.join("hard.json"), materials(300.0).to_string()).unwrap();
+    let run = packstone(folder, &["run", "mix.json", "--out", "out"]).await;
+    assert_eq!(run.code, Some(0), "{run:?}");
+    let hard = "properties:cells=48,kinds=stiffness,fields=true,materials=hard.json";
+    let command = ["export", "out/result.json", hard, "--checkpoint-every-s", "0", "--out"];
+    let whole = packstone(folder, &[&command[..], &["whole"]].concat()).await;
+    assert_eq!(whole.code, Some(0), "{whole:?}");
+    let file = Path::new(whole.stdout.lines().find(|line| line.ends_with(".vti")).unwrap());
+    let name = file.file_name().unwrap().to_str().unwrap();
+    let checkpoint = folder.join("killed").join(format!("{name}.checkpoint"));
+    let running = Running::start(folder, &[&command[..], &["killed"]].concat()).await;
+    eventually("the first load case", || checkpoint.exists()).await;
+    running.signal(Signal::KILL);
+    running.ended().await;
+    assert!(checkpoint.exists() && !folder.join("killed").join(name).exists());
+    let resumed = packstone(folder, &[&command[..], &["killed"]].concat()).await;
+    assert_eq!(resumed.code, Some(0), "{resumed:?}");
+    assert!(resumed.stderr.contains("going on from it"), "{resumed:?}");
+    for ending in ["", ".report.json"] {
+        let read = |out: &str| fs::read(folder.join(out).join(format!("{name}{ending}"))).unwrap();
+        assert!(read("killed") == read("whole"), "{name}{ending}");
+    }
+    assert!(!checkpoint.exists());
+}
+
+#[tokio::test]
+async fn a_service_that_was_killed_goes_on_from_the_load_cases_of_its_slot() {
+    let data_dir = DataDir::new();
+    let start = async || {
+        let launch = Launch::new(&data_dir).workers(1).args(&["--checkpoint-every-s", "0"]);
+        launch.env("RUST_LOG", "info").start().await
+    };
+    let server = start().await;
+    let mut job = with_materials();
+    job["postprocess"] = json!({"type": "properties", "cells": 48, "kinds": "stiffness", "fields": true,
+        "materials": materials(300.0)});
+    let done = server.client().succeed(&job).await;
+    let id = id_of(&done).to_owned();
+    eventually("the first load case", || {
+        data_dir.checkpoints().iter().any(|name| !name.starts_with(&id) && name.ends_with(".checkpoint"))
+    })
+    .await;
+    server.kill().await;
+    let server = start().await;
+    let client = server.client();
+    let path = |what: &str| format!("/v1/jobs/{id}/exports/properties{what}?{}", hard());
+    let made = client.when(&path("/status"), "succeeded", |export| export["state"] == "succeeded").await;
+    assert!(server.log().contains("going on from a checkpoint"), "{}", server.log());
+    let file = client.get(&path("")).send().await.expect(200).body.clone();
+    eventually("the checkpoints to go", || data_dir.checkpoints().is_empty()).await;
+    // Made again without any, it is the same.
+    client.delete(&path("")).send().await.expect(204);
+    client.post(&path("")).send().await.expect(202);
+    let again = client.when(&path("/status"), "succeeded", |export| export["state"] == "succeeded").await;
+    assert_eq!(again["sha256"], made["sha256"]);
+    assert_eq!(made["bytes"], file.len());
     server.stop().await;
 }
 

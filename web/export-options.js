@@ -38,6 +38,7 @@ const OPTIONS = {
   cut_voxels: { label: "Voxels that a surface cuts", choices: ["", "mixed", "labels"], hint: "labels with hexahedra" },
   tolerance: { label: "Error of the solver", value: 0.0001 },
   walls: { label: "A box with walls", choices: ["periodic", "mirrored"] },
+  fields: { label: "Fields of all load cases", flag: true, value: 0, hint: "strain and stress of each voxel" },
   solver: { label: "Solver", choices: ["calculix", "abaqus"] },
   load: {
     label: "Load",

@@ -309,9 +309,10 @@ impl Service {
 
 /// What runs in the slots: packings, and the exports that take as long.
 fn in_slots(packings: Packings, slots: Slots, cache_bytes: u64) -> InSlots {
-    let Packings { source, artifacts, disk, metrics, .. } = &packings;
+    let Packings { source, artifacts, checkpoints, disk, metrics, .. } = &packings;
     let (source, artifacts, disk) = (source.clone(), artifacts.clone(), disk.clone());
-    let exports = Exports::in_slots(source, artifacts, disk, Arc::clone(metrics), cache_bytes);
+    let exports =
+        Exports::in_slots(source, artifacts, checkpoints.clone(), disk, Arc::clone(metrics), cache_bytes);
     InSlots { packings, exports, slots }
 }
 

@@ -82,7 +82,8 @@ impl ExportType {
             Self::Deck => &["zip"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
-            Self::Quality | Self::Properties => &["json"],
+            Self::Quality => &["json"],
+            Self::Properties => &["json", "vti"],
         }
     }
 
@@ -367,7 +368,7 @@ impl ExportRequest {
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
             Self::Shapes(_) => shapes::expected_bytes(grains.number),
             Self::Quality(_) => quality::expected_bytes(),
-            Self::Properties(_) => properties::expected_bytes(),
+            Self::Properties(options) => properties::expected_bytes(specimen, materials, options),
         };
         ExportEstimate {
             bytes,

@@ -11,6 +11,7 @@
 #![allow(clippy::inline_always)]
 
 mod cases;
+mod fields;
 mod green;
 mod lanes;
 mod material;
@@ -29,6 +30,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 pub use cases::{CaseError, SolvedCase, SolvedCases};
+pub use fields::{ConductionFields, ElasticFields};
 pub use material::ElasticPhase;
 pub use voxels::{CUT, CutVoxel, MAX_PHASES, Voxels};
 

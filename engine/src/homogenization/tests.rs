@@ -319,6 +319,39 @@ fn load_cases_that_are_read_back_change_no_bit_and_are_not_solved_again() {
     assert!(SolvedCases::<3>::read(&mut &written[..], 4, voxels.len()).is_err());
 }
 
+/// A layer in cut voxels, pulled across: one stress, and strains whose means are those of the phases.
+#[test]
+fn fields_of_layers_are_those_of_the_closed_form() {
+    let phases = [phase(MORTAR), phase(STONE)];
+    let shape = [6, 5, 8];
+    let (voxels, share) = layers(2, shape);
+    let mut cases = SolvedCases::default();
+    let settings = settings(Scheme::Rotated, 1e-13);
+    elasticity(&voxels, &phases, true, &settings, &mut cases, &mut |_| {}, &Unattended).unwrap();
+    let fields = ElasticFields::new(&voxels, &phases, Scheme::Rotated, &cases);
+    let (c, _) = of_layers(2, share, phases);
+    let moduli = phases.map(|phase| phase.lambda_gpa + 2.0 * phase.mu_gpa);
+    for k in 0..shape[2] {
+        let part = (5.85_f64.min(k as f64 + 1.0) - 2.3_f64.max(k as f64)).clamp(0.0, 1.0);
+        let expected = c[(2, 2)] * ((1.0 - part) / moduli[0] + part / moduli[1]);
+        let mut count = 0;
+        fields.plane(2, k, |strain, stress| {
+            count += 1;
+            assert!((f64::from(strain[2]) - expected).abs() < 1e-6, "{k}: {strain:?} {expected}");
+            assert!((f64::from(stress[2]) / c[(2, 2)] - 1.0).abs() < 1e-6, "{k}: {stress:?}");
+            assert!(strain[3..].iter().all(|shear| shear.abs() < 1e-6), "{strain:?}");
+        });
+        assert_eq!(count, shape[0] * shape[1]);
+    }
+    let mut cases = SolvedCases::default();
+    conduction(&voxels, &[1.8, 3.0], &settings, &mut cases, &mut |_| {}, &Unattended).unwrap();
+    let across = 1.0 / ((1.0 - share) / 1.8 + share / 3.0);
+    ConductionFields::new(&voxels, &[1.8, 3.0], Scheme::Rotated, &cases).plane(2, 4, |gradient, flux| {
+        assert!((f64::from(gradient[2]) - across / 3.0).abs() < 1e-6, "{gradient:?}");
+        assert!((f64::from(flux[2]) + across).abs() < 1e-6, "{flux:?}");
+    });
+}
+
 #[test]
 fn a_run_stops_when_it_is_told_to() {
     struct Stops;

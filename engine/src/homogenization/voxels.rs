@@ -141,6 +141,15 @@ impl Voxels {
         sum.finalize()
     }
 
+    /// The phase of each voxel, x fastest; of one that a surface cuts the phase with the larger share.
+    pub fn largest_phases(&self) -> impl Iterator<Item = u8> + '_ {
+        let mut cuts = self.cuts.iter();
+        self.phase.iter().map(move |phase| match phase {
+            &CUT => cuts.next().map_or(CUT, |cut| cut.phases[usize::from(cut.share > 0.5)]),
+            phase => *phase,
+        })
+    }
+
     /// The cut voxels.
     pub fn cuts(&self) -> &[CutVoxel] {
         &self.cuts

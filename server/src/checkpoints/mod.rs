@@ -175,8 +175,21 @@ impl Checkpoints {
         while ended.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) && !is_stopped() {}
     }
 
-    /// The state from which an attempt goes on: the newest that can be read. What cannot is removed.
+    /// The state from which an attempt of a job goes on: the newest that can be read. What cannot is removed.
     pub(crate) fn resume(&self, id: &str, request: &PackingRequest) -> Option<Resume> {
+        self.resume_by(id, |input| Resume::read_from(input, request))
+    }
+
+    /// The same of an export with this identity.
+    pub(crate) fn resume_export(&self, id: &str, identity: &[u8]) -> Option<Resume> {
+        self.resume_by(id, |input| Resume::of_export(input, identity))
+    }
+
+    fn resume_by(
+        &self,
+        id: &str,
+        read: impl Fn(&mut dyn io::Read) -> Result<Resume, CheckpointError>,
+    ) -> Option<Resume> {
         let (mut found, partial): (Vec<_>, Vec<_>) =
             self.of(id).into_iter().partition(|found| found.complete);
         // Of an attempt that was killed, and on a full disk the room that this one needs. Where it is being
@@ -184,9 +197,9 @@ impl Checkpoints {
         partial.iter().for_each(removed);
         found.sort_by_key(|found| std::cmp::Reverse(found.attempt));
         found.into_iter().find_map(|found| {
-            let read = File::open(&found.file).map_err(Into::into).and_then(|file| {
-                Resume::read_from(&mut BufReader::with_capacity(BUFFER_BYTES, file), request)
-            });
+            let read = File::open(&found.file)
+                .map_err(Into::into)
+                .and_then(|file| read(&mut BufReader::with_capacity(BUFFER_BYTES, file)));
             match read {
                 Ok(resume) => {
                     tracing::info!(of_attempt = found.attempt, "going on from a checkpoint");

@@ -2,6 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use packstone_engine::Limits;
@@ -15,7 +16,7 @@ use super::packing_file;
 use super::print_files;
 use super::signals::stop_on_signals;
 use super::unfinished::Unfinished;
-use crate::config::{cores, default_memory_bytes};
+use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, cores, default_memory_bytes, seconds_or_none};
 use crate::gmsh::{self, GmshOptions};
 
 /// Options of `packstone export`.
@@ -43,6 +44,10 @@ pub(super) struct Options {
     /// Threads that write a file, whose bytes do not depend on their number [default: one for each core]
     #[arg(long, value_name = "NUMBER")]
     threads: Option<NonZeroUsize>,
+    /// Seconds between two checkpoints of effective properties, from which the same command goes on after it was
+    /// killed; 0 keeps one after each load case
+    #[arg(long, default_value_t = DEFAULT_CHECKPOINT_EVERY_S, value_parser = seconds_or_none)]
+    checkpoint_every_s: f64,
     #[command(flatten)]
     materials: MaterialsFile,
     #[command(flatten)]
@@ -77,8 +82,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     refuse_existing(files.iter().filter(|file| !of_record(file)), options.force)?;
     std::fs::create_dir_all(&options.out).map_err(|error| cannot_be("made", &options.out, &error))?;
     unfinished.begin(&files, None)?;
+    let every = Duration::from_secs_f64(options.checkpoint_every_s);
     let model = packing.model();
-    let written = exports::write_all(&outputs, &model, &limits, &stop).and_then(|()| {
+    let written = exports::write_all(&outputs, &model, &limits, every, &stop).and_then(|()| {
         picture.map_or(Ok(()), |file| exports::write_picture(&model, &file, export_threads, &stop))
     });
     unfinished.ended(written)?;

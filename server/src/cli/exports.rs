@@ -1,23 +1,26 @@
 //! Exports and pictures of a packing as files, for `packstone run`, `packstone export` and `packstone study`.
 
-use std::io::Write as _;
+use std::fs::File;
+use std::io::{BufReader, Write as _};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use packstone_engine::export::picture::{self, PictureOptions};
 use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::request::{Materials, materials};
-use packstone_engine::{Control, FieldError, Limits, PackingRequest, Plan, Progress};
+use packstone_engine::{Checkpoint, Control, FieldError, Limits, PackingRequest, Plan, Progress, Resume};
 
 use super::bar::Bar;
 use super::exit::{Exit, Failure, cannot_be};
 use super::input::Input;
 use super::outputs::{Names, beside};
 use crate::atomic_file::write_buffered;
+use crate::checkpoints;
 use crate::gmsh;
 use crate::telemetry::say;
 
@@ -25,6 +28,8 @@ use crate::telemetry::say;
 const LARGE_BYTES: u64 = 50_000_000;
 /// The memory and time of a computation that takes as many seconds are announced before it begins.
 const LONG_S: f64 = 10.0;
+/// Ending of the name of the checkpoint of an export, beside its file.
+const CHECKPOINT: &str = "checkpoint";
 /// Name of the picture of a packing.
 pub(super) const PICTURE: &str = "result.png";
 
@@ -143,6 +148,7 @@ pub(super) fn write_all<'a>(
     outputs: impl IntoIterator<Item = &'a Output>,
     model: &Model<'_>,
     limits: &Limits,
+    checkpoint_every: Duration,
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
     for output in outputs {
@@ -151,7 +157,10 @@ pub(super) fn write_all<'a>(
             announce(&output.file.display().to_string(), &estimate);
         }
         let watch = Watch { bar: Bar::new(), what: output.export.export_type().name(), stop };
-        let written = write(&output.export, model, limits, &watch, &output.file);
+        let control = Keeping::new(&watch, beside(&output.file, CHECKPOINT), checkpoint_every);
+        let resume = output.export.checkpoint_identity(model).and_then(|identity| control.earlier(&identity));
+        let written = write(&output.export, model, limits, resume, &control, &output.file)
+            .and_then(|()| checkpoints::remove(&control.file).map_err(ExportError::from));
         watch.bar.finish();
         written.map_err(|error| {
             let exit = Exit::of_export(&error);
@@ -226,12 +235,13 @@ pub(super) fn write(
     export: &ExportRequest,
     model: &Model<'_>,
     limits: &Limits,
+    resume: Option<Resume>,
     control: &dyn Control,
     file: &Path,
 ) -> Result<(), ExportError> {
     let (mut text, mut warnings) = (String::new(), Vec::new());
     write_buffered(file, |out| {
-        let report = export.write(model, limits, control, out)?;
+        let report = export.write_or_resume(model, limits, resume, control, out)?;
         text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
         warnings = report.warnings().to_vec();
         Ok::<(), ExportError>(())
@@ -245,6 +255,53 @@ pub(super) fn write(
         write_buffered(&beside(file, ending), |out| out.write_all(text.as_bytes()))?;
     }
     Ok(())
+}
+
+/// Keeps checkpoints of an export in a file beside it, from which the same command goes on after it was killed.
+struct Keeping<'a> {
+    watch: &'a Watch<'a>,
+    file: PathBuf,
+    schedule: checkpoints::Schedule,
+}
+
+impl<'a> Keeping<'a> {
+    fn new(watch: &'a Watch<'a>, file: PathBuf, every: Duration) -> Self {
+        Self { watch, file, schedule: checkpoints::Schedule::new(every) }
+    }
+
+    /// The state that an earlier command has left of an export with this identity. One of another export, or that
+    /// cannot be read, is replaced.
+    fn earlier(&self, identity: &[u8]) -> Option<Resume> {
+        let mut file = BufReader::new(File::open(&self.file).ok()?);
+        let read = Resume::of_export(&mut file, identity);
+        match &read {
+            Ok(_) => say(&format!("{}: going on from it", self.file.display())),
+            Err(error) => say(&format!("warning: {} is not used: {error}", self.file.display())),
+        }
+        read.ok()
+    }
+}
+
+impl Control for Keeping<'_> {
+    fn report(&self, progress: &Progress) {
+        self.watch.report(progress);
+    }
+
+    fn should_stop(&self) -> bool {
+        self.watch.should_stop()
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.schedule.is_due()
+    }
+
+    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
+        let start = Instant::now();
+        if let Err(error) = checkpoints::write(&self.file, checkpoint) {
+            say(&format!("warning: {} cannot be written: {error}", self.file.display()));
+        }
+        self.schedule.tried(start.elapsed());
+    }
 }
 
 /// Shows how far a file is made, and passes requests to stop on.

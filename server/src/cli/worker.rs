@@ -154,7 +154,14 @@ async fn work(
     let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
     let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
     let (source, metrics) = (Source::There(there.clone()), Arc::new(Metrics::default()));
-    let exports = Exports::in_slots(source.clone(), artifacts.clone(), disk.clone(), Arc::clone(&metrics), 0);
+    let exports = Exports::in_slots(
+        source.clone(),
+        artifacts.clone(),
+        checkpoints.clone(),
+        disk.clone(),
+        Arc::clone(&metrics),
+        0,
+    );
     let packings = Packings { source, artifacts, checkpoints, disk, metrics, templates: Arc::default() };
     let kind = InSlots { packings, exports, slots: Slots::new(slots as usize) };
     let executor = Executor { kind, shutdown: shutdown.clone() };

@@ -9,16 +9,17 @@ use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use packstone_engine::Limits;
 use packstone_engine::export::tables;
 use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model, Provenance};
 use packstone_engine::request::{Materials, Specimen};
+use packstone_engine::{Control as _, Limits};
 use serde_json::Value;
 use tokio::time::sleep;
 use tokio_util::sync::CancellationToken;
 
 use super::{ExportLease, StoredFile, distance_kept};
 use crate::artifacts::{Artifacts, InFlight};
+use crate::checkpoints::Checkpoints;
 use crate::disk::{Disk, is_passing};
 use crate::failure::{Failure, FailureCode, FailureFacts};
 use crate::gmsh;
@@ -26,11 +27,12 @@ use crate::jobs::store::{ClaimedExport, ExportQueue, Store};
 use crate::jobs::{ArtifactRecord, JobProgress, StopRequests};
 use crate::metrics::Metrics;
 use crate::storage::{Bound, NoRoom, fits};
+use crate::tasks;
 use crate::workers::control::RunControl;
 use crate::workers::ending::{Cause, NotMade, Told};
 use crate::workers::heard::Heard;
 use crate::workers::here::Here;
-use crate::workers::packing::Source;
+use crate::workers::packing::{self, Source};
 use crate::workers::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, TaskSource, Terms};
 
 /// How often a server looks for exports that no slot will ever make.
@@ -41,6 +43,8 @@ const LOOK_FOR_HEAVY: Duration = Duration::from_secs(2);
 pub(crate) struct Exports {
     pub(crate) source: Source,
     pub(crate) artifacts: Artifacts,
+    /// Where checkpoints are kept while an export is made.
+    pub(crate) checkpoints: Checkpoints,
     pub(crate) disk: Disk,
     pub(crate) metrics: Arc<Metrics>,
     /// Most bytes that files hold which nobody has asked to be kept.
@@ -129,8 +133,11 @@ impl TaskKind for Exports {
     async fn prepare(&self, work: &Work) -> RunControl {
         if let Source::There(there) = &self.source {
             there.fetch_result(work).await;
+            if work.lease.attempt > 1 {
+                there.fetch_checkpoint(work.lease, &self.checkpoints).await;
+            }
         }
-        RunControl::default()
+        RunControl::with_checkpoints(self.checkpoints.writer(&work.lease.id.to_string(), work.lease.attempt))
     }
 
     fn run(&self, work: &Work, control: &RunControl, _computing: Computing) -> Result<MadeExport, NotMade> {
@@ -169,10 +176,20 @@ impl TaskKind for Exports {
         if let Ok(estimate) = export.estimate(&model) {
             fits(estimate.bytes, (left, bound)).map_err(|no_room| no_room_left(&no_room))?;
         }
-        let place = self.artifacts.begin_export(&lease.id.to_string(), lease.attempt);
+        let id = lease.id.to_string();
+        let resume = export.checkpoint_identity(&model).and_then(|identity| {
+            self.checkpoints.prepare(&id, &|| control.should_stop());
+            self.checkpoints.resume_export(&id, &identity)
+        });
+        if resume.is_some() {
+            control.resumed();
+        }
+        let place = self.artifacts.begin_export(&id, lease.attempt);
         let written = self
             .artifacts
-            .write_export(&place, left, control, |out| export.write(&model, &limits, control, out))
+            .write_export(&place, left, control, |out| {
+                export.write_or_resume(&model, &limits, resume, control, out)
+            })
             .map_err(|error| match error {
                 ExportError::Write(error) if error.kind() == io::ErrorKind::QuotaExceeded => {
                     no_room_left(&NoRoom { needed: left.saturating_add(1), left, bound })
@@ -218,6 +235,11 @@ impl TaskKind for Exports {
         self.source.renew_every()
     }
 
+    /// Lets other servers go on from the last checkpoint of a run.
+    async fn hand_on(&self, work: &Work) {
+        packing::share_last(&self.checkpoints, work.lease.id.to_string(), work.lease.attempt).await;
+    }
+
     async fn end(&self, work: &Work, told: Told<'_, MadeExport>) -> Result<(), LeaseError> {
         let (store, of) = match &self.source {
             Source::Here(here) => (&here.store, work.lease),
@@ -235,6 +257,13 @@ impl TaskKind for Exports {
 
     async fn ended(&self, work: &Work, ended: Ended<'_, MadeExport>) {
         self.metrics.export_ended(work.kind.name(), ended.outcome, ended.took);
+        if ended.is_recorded && !ended.is_requeued {
+            let (checkpoints, lease) = (self.checkpoints.clone(), work.lease);
+            let removed = tasks::blocking(move || checkpoints.remove(&lease.id.to_string(), lease.attempt));
+            if let Err(error) = removed.await {
+                tracing::warn!(%error, "checkpoints are left to the sweeper");
+            }
+        }
         match (ended.made, &self.source) {
             (Some(_), Source::Here(here)) if ended.is_recorded => self.shrink_cache(here, work.lease).await,
             (Some(made), _) => self.artifacts.discard(vec![made.file.path.clone()]).await,
@@ -251,12 +280,13 @@ impl Exports {
     pub(crate) fn in_slots(
         source: Source,
         artifacts: Artifacts,
+        checkpoints: Checkpoints,
         disk: Disk,
         metrics: Arc<Metrics>,
         cache_bytes: u64,
     ) -> Self {
         let (queue, heard, since) = (ExportQueue::Heavy, None, Instant::now());
-        Self { source, artifacts, disk, metrics, cache_bytes, queue, heard, since }
+        Self { source, artifacts, checkpoints, disk, metrics, cache_bytes, queue, heard, since }
     }
 
     /// Whether this server makes the exports that are meant for slots: it has none, and no worker process was heard for

@@ -105,7 +105,9 @@ impl TaskKind for Packings {
     async fn prepare(&self, work: &Work) -> RunControl {
         tracing::info!(threads = work.limits.threads, "started");
         if let Source::There(there) = &self.source {
-            there.fetch_checkpoint(work, &self.checkpoints).await;
+            if work.has_checkpoint {
+                there.fetch_checkpoint(work.lease, &self.checkpoints).await;
+            }
         }
         RunControl::with_checkpoints(self.checkpoints.writer(&work.lease.id.to_string(), work.lease.attempt))
     }
@@ -204,11 +206,7 @@ impl TaskKind for Packings {
 
     /// Lets other servers go on from the last checkpoint of a run, within the time that a stop has.
     async fn hand_on(&self, work: &Work) {
-        let (checkpoints, lease) = (self.checkpoints.clone(), work.lease);
-        let shared = tasks::blocking(move || checkpoints.share(&lease.id.to_string(), lease.attempt));
-        if timeout(SHARE_CHECKPOINT, shared).await.is_err() {
-            tracing::warn!("the last checkpoint was not shared in time");
-        }
+        share_last(&self.checkpoints, work.lease.id.to_string(), work.lease.attempt).await;
     }
 
     async fn end(&self, work: &Work, told: Told<'_, Self::Made>) -> Result<(), LeaseError> {
@@ -264,6 +262,15 @@ impl Packings {
         if let Err(error) = removed.await {
             tracing::warn!(%error, "checkpoints are left to the sweeper");
         }
+    }
+}
+
+/// Lets other servers go on from the last checkpoint of an attempt, within the time that a stop has.
+pub(crate) async fn share_last(checkpoints: &Checkpoints, id: String, attempt: i64) {
+    let checkpoints = checkpoints.clone();
+    let shared = tasks::blocking(move || checkpoints.share(&id, attempt));
+    if timeout(SHARE_CHECKPOINT, shared).await.is_err() {
+        tracing::warn!("the last checkpoint was not shared in time");
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod cut_ellipsoid;
 mod cut_polyhedron;
+mod fields;
 mod options;
 mod phases;
 mod report;
@@ -44,7 +45,7 @@ use crate::homogenization::{
 use crate::plan::Limits;
 use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
 
-/// Length of a document with all kinds.
+/// Length of a document with all kinds, and of what a file of fields has beside its voxels.
 const DOCUMENT_BYTES: u64 = 9000;
 /// CPU time of an iteration of a load case with three components, for a voxel, in s.
 const SECONDS_PER_VOXEL: f64 = 45e-9;
@@ -179,8 +180,18 @@ pub(super) fn cpu_s(specimen: &Specimen, materials: Option<&Materials>, options:
 }
 
 /// Length of the file.
-pub(super) fn expected_bytes() -> u64 {
-    DOCUMENT_BYTES
+pub(super) fn expected_bytes(
+    specimen: &Specimen,
+    materials: Option<&Materials>,
+    options: &PropertyOptions,
+) -> u64 {
+    if !options.fields {
+        return DOCUMENT_BYTES;
+    }
+    let per_voxel =
+        fields::bytes_per_voxel(elastic_cases(materials, options), conduction_cases(materials, options));
+    let voxels = shape(specimen, options).iter().fold(1_u64, |product, n| product.saturating_mul(*n as u64));
+    voxels.saturating_mul(per_voxel).saturating_add(DOCUMENT_BYTES)
 }
 
 /// What a checkpoint of these properties belongs to; none where they cannot be computed.
@@ -188,7 +199,7 @@ pub(super) fn checkpoint_identity(model: &Model<'_>, options: &PropertyOptions) 
     state::identity(options, Phases::of(model, options).ok()?.materials())
 }
 
-/// Computes the properties and writes them. Load cases that an earlier run has solved are not solved
+/// Computes the properties and writes them, or the fields. Load cases that an earlier run has solved are not solved
 /// again, and change no byte.
 ///
 /// # Errors
@@ -209,8 +220,16 @@ pub(super) fn write(
     let coarse = work.properties(options.cells / 2, &mut state, &Part::new(control, 0.0, 0.11))?;
     let fine = work.properties(options.cells, &mut state, &Part::new(control, 0.11, 1.0))?;
     let report = work.report(&coarse, &fine);
-    serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
-    writeln!(out)?;
+    match state.last().filter(|_| options.fields) {
+        Some(cases) => {
+            let (cell, threads) = ((&report.cell, options.scheme), limits.export_threads);
+            fields::write(model, &phases, cell, (&fine, cases), threads, control, out)?;
+        }
+        None => {
+            serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
+            writeln!(out)?;
+        }
+    }
     Ok(report)
 }
 

@@ -25,6 +25,8 @@ const TOLERANCES: [f64; 2] = [1e-9, 0.1];
 pub enum PropertyFormat {
     /// An object with the properties.
     Json,
+    /// The fields of all load cases as VTK image data; the properties are in the report.
+    Vti,
 }
 
 impl PropertyFormat {
@@ -33,6 +35,7 @@ impl PropertyFormat {
     pub fn name(self) -> &'static str {
         match self {
             Self::Json => "json",
+            Self::Vti => "vti",
         }
     }
 
@@ -41,6 +44,7 @@ impl PropertyFormat {
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
+            Self::Vti => "application/vnd.vtk.imagedata+xml",
         }
     }
 }
@@ -156,8 +160,8 @@ pub enum CutVoxels {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PropertyOptions {
-    /// What the properties are written as.
-    #[cfg_attr(feature = "openapi", schema(default = "json", required = false))]
+    /// What is written: the properties, or with `fields` the fields. Default: `json`, with `fields` `vti`.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
     pub format: PropertyFormat,
     /// Voxels along the longest edge of the specimen.
     #[cfg_attr(feature = "openapi", schema(default = 128, required = false, minimum = 8, maximum = 1024))]
@@ -187,6 +191,10 @@ pub struct PropertyOptions {
     /// How a box with walls becomes a periodic cell.
     #[cfg_attr(feature = "openapi", schema(default = "periodic", required = false))]
     pub walls: Walls,
+    /// Whether the file has the strain and stress, or gradient and flux, of each voxel in each load case, as VTK image
+    /// data; the properties are in its report.
+    #[cfg_attr(feature = "openapi", schema(default = false, required = false))]
+    pub fields: bool,
     /// The materials of the phases. Default: those of the request of the packing.
     #[cfg_attr(feature = "openapi", schema(required = false, nullable))]
     pub materials: Option<Materials>,
@@ -205,6 +213,7 @@ impl Serialize for PropertyOptions {
         map.serialize_entry("cut_voxels", &self.cut_voxels)?;
         map.serialize_entry("tolerance", &self.tolerance)?;
         map.serialize_entry("walls", &self.walls)?;
+        map.serialize_entry("fields", &self.fields)?;
         if let Some(materials) = &self.materials {
             map.serialize_entry("materials", materials)?;
         }
@@ -217,9 +226,23 @@ impl PropertyOptions {
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let format = object
-            .optional("format")
-            .map_or(Some(PropertyFormat::Json), |at| at.choice(&[("json", PropertyFormat::Json)]));
+        let format = object.optional("format").map_or(Some(None), |at| {
+            at.choice(&[("json", PropertyFormat::Json), ("vti", PropertyFormat::Vti)]).map(Some)
+        });
+        let is_vti = format.flatten() == Some(PropertyFormat::Vti);
+        let fields = object.optional("fields").map_or(Some(is_vti), |at| {
+            let fields = at.boolean()?;
+            match format? {
+                Some(PropertyFormat::Json) if fields => {
+                    at.fault("true needs format=vti: fields are not written as json");
+                }
+                Some(PropertyFormat::Vti) if !fields => {
+                    at.fault("false needs format=json: vti has the fields")
+                }
+                _ => return Some(fields),
+            }
+            None
+        });
         let [least, most] = CELLS;
         let cells = object
             .optional("cells")
@@ -241,14 +264,20 @@ impl PropertyOptions {
             at.choice(&[("periodic", Walls::Periodic), ("mirrored", Walls::Mirrored)])
         });
         let materials = Materials::read_option(object);
+        let format = match (format?, fields?) {
+            (Some(format), _) => format,
+            (None, true) => PropertyFormat::Vti,
+            (None, false) => PropertyFormat::Json,
+        };
         Some(Self {
-            format: format?,
+            format,
             cells: cells?,
             kinds: kinds?,
             scheme: scheme?,
             cut_voxels: cut_voxels?,
             tolerance: tolerance?,
             walls: walls?,
+            fields: fields?,
             materials,
         })
     }

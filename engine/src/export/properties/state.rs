@@ -99,6 +99,11 @@ impl<'a> State<'a> {
     pub(super) fn end_grid(&mut self, sum: u32, cases: GridCases) {
         self.done.push((sum, cases));
     }
+
+    /// The load cases of the grid that was done last.
+    pub(super) fn last(&self) -> Option<&GridCases> {
+        self.done.last().map(|(_, cases)| cases)
+    }
 }
 
 /// The load cases of a section; none where it is of other voxels.

@@ -309,7 +309,7 @@ impl Files {
             exports::write_picture(&model, file, limits.export_threads, watch.stop())?;
         }
         let exports = self.exports.iter().filter(|output| !output.files().all(|file| kept.has(&file)));
-        exports::write_all(exports, &model, limits, watch.stop())?;
+        exports::write_all(exports, &model, limits, watch.checkpoint_every(), watch.stop())?;
         // The plots that the packing has are written before one that it does not have ends the command.
         let mut undrawn = None;
         for (kind, file) in self.plots.iter().filter(|(_, file)| !kept.has(file)) {

@@ -18,6 +18,7 @@ use crate::local::Run;
 pub(super) struct Watch {
     bar: Bar,
     run: Run,
+    every: Duration,
     stop: Arc<AtomicBool>,
     failing: AtomicBool,
 }
@@ -32,7 +33,12 @@ impl Watch {
     ) -> Result<Self, Failure> {
         let run = Run::with_checkpoint_every(every);
         run.begin(Some(file), resumed, job.timeout_s, job.on_limit);
-        Ok(Self { bar: Bar::new(), run, stop: stop_on_signals()?, failing: AtomicBool::new(false) })
+        Ok(Self { bar: Bar::new(), run, every, stop: stop_on_signals()?, failing: AtomicBool::new(false) })
+    }
+
+    /// Time between two checkpoints.
+    pub(super) fn checkpoint_every(&self) -> Duration {
+        self.every
     }
 
     /// Set when the run is to stop.

@@ -392,7 +392,7 @@ impl WorkerPool<'_> {
             .with_mesher(&crate::gmsh::Installed);
         for (_, export) in items {
             let file = folder.join(names.of_export(export));
-            exports::write(export, &model, &self.limits, &control, &file)?;
+            exports::write(export, &model, &self.limits, None, &control, &file)?;
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The checkpoint of a job, from the attempt before and for the attempt after.
+//! The checkpoint of a job or an export, from the attempt before and for the attempt after.
 
 use std::io;
 
@@ -8,7 +8,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 
-use super::{LeasePath, lost, running, upload};
+use super::{LeasePath, holds, upload};
 use crate::accounts::Caller;
 use crate::blobs::Blob as _;
 use crate::disk::{Disk, is_full};
@@ -18,7 +18,7 @@ use crate::http::params::{NoParameters, Query};
 use crate::problem::{Fault, Kind, Problem};
 use crate::tasks;
 
-/// Get the checkpoint that earlier attempts of the job have left
+/// Get the checkpoint that earlier attempts of the job or the export have left
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/leases/{task}/{attempt}/checkpoint", tag = "workers", operation_id = "get_checkpoint",
     params(LeasePath),
@@ -33,7 +33,7 @@ pub(crate) async fn get(
     path: LeasePath,
     _: Query<NoParameters>,
 ) -> Result<Response, Problem> {
-    running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
+    holds(&app, &caller.by.key, path).await?;
     let checkpoints = app.shared.checkpoints.clone();
     let opened = tasks::blocking(move || {
         let checkpoint = checkpoints.newest(&path.id.to_string())?;
@@ -42,7 +42,7 @@ pub(crate) async fn get(
     });
     let opened = opened.await.map_err(|_| Problem::internal())?;
     let (file, length) =
-        opened.ok_or_else(|| Problem::new(Kind::NotFound, "the job has no checkpoint any more"))?;
+        opened.ok_or_else(|| Problem::new(Kind::NotFound, "there is no checkpoint of earlier attempts"))?;
     let mut response = send_file(&app, file, 0..length).await?.into_response();
     let fields = response.headers_mut();
     fields.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
@@ -52,7 +52,7 @@ pub(crate) async fn get(
 
 /// Leave a checkpoint
 ///
-/// It replaces those of the job before. The lease goes on. What is no checkpoint, or is damaged,
+/// It replaces the earlier ones of the job or the export. The lease goes on. What is no checkpoint, or is damaged,
 /// is refused.
 #[cfg_attr(test, utoipa::path(
     put, path = "/v1/leases/{task}/{attempt}/checkpoint", tag = "workers", operation_id = "put_checkpoint",
@@ -71,7 +71,7 @@ pub(crate) async fn put(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, Problem> {
-    running(&app, &caller.by.key, path).await?.ok_or_else(lost)?;
+    holds(&app, &caller.by.key, path).await?;
     let alone = app.receive_alone(format!("checkpoint of {}", path.id))?;
     // Reading it takes as much memory, which a state of the packing does not exceed.
     let room = app.shared.disk.room().min(app.shared.limits.max_memory_bytes);

@@ -15,7 +15,7 @@ use packstone_engine::request::{Materials, Specimen};
 use tracing::Instrument as _;
 
 use super::checkpoint::{check_length, of_disk};
-use super::{LeasePath, lost, making, recorded, refused, upload};
+use super::{LeasePath, lost, making, recorded, refused, remove_checkpoints, upload};
 use crate::accounts::Caller;
 use crate::artifacts::Artifacts;
 use crate::artifacts::receive::{ExpectedExport, ReceiveError};
@@ -166,6 +166,7 @@ async fn take_in(
         return Err(refused(&app, error));
     }
     tracing::info!(export_id = %lease.id, attempt = lease.attempt, worker, "received an export");
+    remove_checkpoints(&app, path);
     app.shared.metrics.export_ended(kind, "succeeded", since(started_at));
     Ok(recorded().into_response())
 }
@@ -254,6 +255,9 @@ pub(super) async fn end(app: &App, lease: ExportLease, request: EndRequest) -> R
         }
     };
     ended.map_err(|error| refused(app, error))?;
+    if outcome == "failed" {
+        remove_checkpoints(app, LeasePath { id: lease.id.into(), attempt: lease.attempt });
+    }
     let took = since(claimed.export.started_at);
     tracing::info!(export_id = %lease.id, attempt = lease.attempt, outcome, took_s = took.as_secs_f64(), "a lease ended");
     app.shared.metrics.export_ended(claimed.export.kind.name(), outcome, took);

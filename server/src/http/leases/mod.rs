@@ -107,6 +107,18 @@ pub(super) async fn making(app: &App, key: &str, path: LeasePath) -> Result<Opti
     }
 }
 
+/// Makes sure that an attempt of a job or an export runs, and is the key's.
+///
+/// # Errors
+/// `lease-lost`, or the store's.
+pub(super) async fn holds(app: &App, key: &str, path: LeasePath) -> Result<(), Problem> {
+    match app.shared.store.held(key, path.id, path.attempt).await? {
+        Held::Running { .. } | Held::RunningExport(_) => Ok(()),
+        Held::Ended => Err(lost()),
+        Held::Lost => Err(refused(app, StoreError::LeaseLost)),
+    }
+}
+
 /// The lease is not that of the key any more.
 pub(super) fn lost() -> Problem {
     Problem::new(Kind::LeaseLost, "the lease was lost: the job or the export is another attempt's, or gone")
@@ -140,7 +152,7 @@ pub(super) fn note_end(app: &App, path: LeasePath, outcome: &'static str, starte
     app.shared.metrics.job_ended(outcome, took);
 }
 
-/// Removes the checkpoints of a job that has ended, behind the answer's back.
+/// Removes the checkpoints of a job or an export that has ended, behind the answer's back.
 pub(super) fn remove_checkpoints(app: &App, path: LeasePath) {
     let checkpoints = app.shared.checkpoints.clone();
     tasks::blocking(move || checkpoints.remove(&path.id.to_string(), path.attempt));

@@ -147,12 +147,15 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// Whether a job waits or runs.
+    /// Whether a job, or an export of this id, waits or runs.
     pub(crate) async fn is_open(&self, id: JobId) -> Result<bool, StoreError> {
-        let row = query("select 1 from jobs where id = ? and state in ('queued', 'running')")
-            .bind(id.to_string())
-            .fetch_optional(self.readers())
-            .await?;
+        let row = query(
+            "select 1 from jobs where id = ?1 and state in ('queued', 'running')
+             union all select 1 from exports where id = ?1 and state in ('queued', 'running')",
+        )
+        .bind(id.to_string())
+        .fetch_optional(self.readers())
+        .await?;
         Ok(row.is_some())
     }
 

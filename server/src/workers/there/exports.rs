@@ -57,7 +57,10 @@ impl There {
                 }
             }
             Told::Failed(failure, _) => (EndOutcome::Failed, Some(failure)),
-            Told::Released => (EndOutcome::Released, None),
+            Told::Released => {
+                self.send_last_checkpoint(lease).await?;
+                (EndOutcome::Released, None)
+            }
             Told::Faulted(cause) => {
                 let failure = (cause == Cause::NoMemory)
                     .then(|| Failure::new(FailureCode::OutOfMemory, "the worker found no memory"));

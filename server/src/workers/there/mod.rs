@@ -27,7 +27,7 @@ use super::documents::{
     EndOutcome, EndRequest, LeaseState, RenewalDocument, RenewalRequest, RenewalsDocument,
 };
 use super::ending::{Cause, Told};
-use super::packing::{Stored, Work};
+use super::packing::Stored;
 use super::task::LeaseError;
 use crate::artifacts::Artifacts;
 use crate::checkpoints::Checkpoints;
@@ -172,21 +172,24 @@ impl There {
             || refused.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
-    /// Fetches the checkpoint of an earlier attempt. Without it the job starts anew.
-    pub(super) async fn fetch_checkpoint(&self, work: &Work, checkpoints: &Checkpoints) {
-        if !work.has_checkpoint {
-            return;
-        }
+    /// Fetches the checkpoint of an earlier attempt. Without it the task starts from its beginning.
+    pub(crate) async fn fetch_checkpoint(&self, lease: impl Into<Key>, checkpoints: &Checkpoints) {
+        let key = lease.into();
         // Below the attempt that runs, as that of the attempt before it would be.
-        let (id, attempt) = (work.lease.id.to_string(), work.lease.attempt - 1);
+        let (id, attempt) = (key.id.to_string(), key.attempt - 1);
         let fetched = async {
             let mut file = checkpoints.receive(&id, attempt)?;
-            let path = address(work.lease, "checkpoint");
+            let path = address(key, "checkpoint");
             self.shared.server.get_file(&path, |piece| file.write(piece)).await?;
             Ok::<_, ServerError>(file.finish()?)
         };
-        if let Err(error) = fetched.await {
-            tracing::warn!(%error, "the checkpoint of the job was not fetched; it starts anew");
+        match fetched.await {
+            Ok(()) => {}
+            // The attempt before had not kept one yet.
+            Err(ServerError::Refused { status: StatusCode::NOT_FOUND, .. }) => {}
+            Err(error) => {
+                tracing::warn!(%error, "the checkpoint of the job was not fetched; it starts anew");
+            }
         }
     }
 
@@ -292,26 +295,32 @@ impl There {
                 end(EndOutcome::Faulted, failure, None)
             }
             Told::Released => {
-                if let Some(file) = self.shared.checkpoints.kept_by(&lease.id.to_string(), lease.attempt)? {
-                    match self.send_checkpoint(lease, &file).await {
-                        // The next attempt goes on from an older one, sooner than if the lease ran out.
-                        Err(ServerError::Refused {
-                            status: StatusCode::INSUFFICIENT_STORAGE,
-                            detail,
-                            ..
-                        }) => tracing::warn!(detail, "the server has no room for the last checkpoint"),
-                        Err(error) if !error.passes() && !error.is_lost() => {
-                            tracing::warn!(%error, "the server did not accept the last checkpoint");
-                        }
-                        sent => sent?,
-                    }
-                }
+                self.send_last_checkpoint(lease).await?;
                 end(EndOutcome::Released, None, None)
             }
             Told::Nothing => return Err(ServerError::lost()),
         };
         let path = address(lease, "end");
         self.shared.server.post::<serde_json::Value>(&path, &document, Duration::ZERO).await?;
+        Ok(())
+    }
+
+    /// Sends the checkpoint that an attempt has kept, if it has, before it is given back.
+    pub(super) async fn send_last_checkpoint(&self, lease: impl Into<Key>) -> Result<(), ServerError> {
+        let key = lease.into();
+        let Some(file) = self.shared.checkpoints.kept_by(&key.id.to_string(), key.attempt)? else {
+            return Ok(());
+        };
+        match self.send_checkpoint(key, &file).await {
+            // The next attempt goes on from an older one, sooner than if the lease ran out.
+            Err(ServerError::Refused { status: StatusCode::INSUFFICIENT_STORAGE, detail, .. }) => {
+                tracing::warn!(detail, "the server has no room for the last checkpoint");
+            }
+            Err(error) if !error.passes() && !error.is_lost() => {
+                tracing::warn!(%error, "the server did not accept the last checkpoint");
+            }
+            sent => sent?,
+        }
         Ok(())
     }
 
