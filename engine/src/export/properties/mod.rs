@@ -220,15 +220,12 @@ pub(super) fn write(
     let coarse = work.properties(options.cells / 2, &mut state, &Part::new(control, 0.0, 0.11))?;
     let fine = work.properties(options.cells, &mut state, &Part::new(control, 0.11, 1.0))?;
     let report = work.report(&coarse, &fine);
-    match state.last().filter(|_| options.fields) {
-        Some(cases) => {
-            let (cell, threads) = ((&report.cell, options.scheme), limits.export_threads);
-            fields::write(model, &phases, cell, (&fine, cases), threads, control, out)?;
-        }
-        None => {
-            serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
-            writeln!(out)?;
-        }
+    if let Some(cases) = state.last().filter(|_| options.fields) {
+        let (cell, threads) = ((&report.cell, options.scheme), limits.export_threads);
+        fields::write(model, &phases, cell, (&fine, cases), threads, control, out)?;
+    } else {
+        serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
+        writeln!(out)?;
     }
     Ok(report)
 }

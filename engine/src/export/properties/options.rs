@@ -237,7 +237,7 @@ impl PropertyOptions {
                     at.fault("true needs format=vti: fields are not written as json");
                 }
                 Some(PropertyFormat::Vti) if !fields => {
-                    at.fault("false needs format=json: vti has the fields")
+                    at.fault("false needs format=json: vti has the fields");
                 }
                 _ => return Some(fields),
             }
