@@ -104,10 +104,8 @@ impl TaskKind for Packings {
 
     async fn prepare(&self, work: &Work) -> RunControl {
         tracing::info!(threads = work.limits.threads, "started");
-        if let Source::There(there) = &self.source {
-            if work.has_checkpoint {
-                there.fetch_checkpoint(work.lease, &self.checkpoints).await;
-            }
+        if let (Source::There(there), true) = (&self.source, work.has_checkpoint) {
+            there.fetch_checkpoint(work.lease, &self.checkpoints).await;
         }
         RunControl::with_checkpoints(self.checkpoints.writer(&work.lease.id.to_string(), work.lease.attempt))
     }

@@ -184,9 +184,8 @@ impl There {
             Ok::<_, ServerError>(file.finish()?)
         };
         match fetched.await {
-            Ok(()) => {}
-            // The attempt before had not kept one yet.
-            Err(ServerError::Refused { status: StatusCode::NOT_FOUND, .. }) => {}
+            // The attempt before may not have kept one yet.
+            Ok(()) | Err(ServerError::Refused { status: StatusCode::NOT_FOUND, .. }) => {}
             Err(error) => {
                 tracing::warn!(%error, "the checkpoint of the job was not fetched; it starts anew");
             }
