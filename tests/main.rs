@@ -78,6 +78,7 @@ mod streaming;
 mod streams;
 mod studies;
 mod study_command;
+mod study_properties;
 mod submission;
 mod tetrahedra;
 mod threads;

@@ -1,10 +1,11 @@
 /** The options of exports as fields of a form: their names, units and defaults (docs/models.md). */
 import { h, text } from "./dom.js";
-import { faultOf, numberOf } from "./numbers.js";
+import { faultOf, numberOf, parse } from "./numbers.js";
 
 /**
- * @typedef {{label: string, unit?: string, value?: number, choices?: string[], flag?: boolean, hint?: string}} Option
- *   `value` is the server's default; `flag`: true or false. The server knows the bounds.
+ * @typedef {{label: string, unit?: string, value?: number, choices?: string[], flag?: boolean, json?: boolean,
+ *   hint?: string}} Option
+ *   `value` is the server's default; `flag`: true or false; `json`: an object. The server knows the bounds.
  * @type {Record<string, Option>}
  */
 const OPTIONS = {
@@ -25,7 +26,12 @@ const OPTIONS = {
   max_bytes: { label: "Longest file", unit: "bytes", value: 500000000 },
   cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given, 128 for properties" },
   voxel_mm: { label: "Edge of a voxel", unit: "mm", hint: "in place of a number" },
-  for: { label: "For the program", choices: ["", "damask", "automesh"], hint: "damask reads vti, automesh npy" },
+  for: { label: "For the program" },
+  materials: {
+    label: "Materials",
+    json: true,
+    hint: 'those of the request when empty; JSON, as {"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}}',
+  },
   label: { label: "Labels", choices: ["phase", "grain", "aggregate"] },
   fractions: { label: "With shares of aggregate", flag: true, value: 0 },
   samples: { label: "Lines per edge of a voxel", value: 4 },
@@ -61,6 +67,20 @@ const OPTIONS = {
   },
 };
 
+/** The programs that read a format of voxels; where there is no empty one, the format is for that program alone. */
+const READERS = /** @type {Record<string, string[]>} */ ({
+  vti: ["", "damask"],
+  npy: ["", "automesh"],
+  vtk: ["amitex"],
+  zip: ["fans"],
+});
+
+/** The formats of voxels that are for one program alone, which the service does not list, with their options. */
+export const FOR_PROGRAMS = [
+  { type: "voxels", format: "vtk", options: ["for", "cells", "voxel_mm", "label", "samples"] },
+  { type: "voxels", format: "zip", options: ["for", "cells", "voxel_mm", "samples", "materials"] },
+];
+
 /** What an export is, by its type. @type {Record<string, string>} */
 export const TYPES = {
   mesh: "Surface mesh",
@@ -82,6 +102,7 @@ export const FORMATS = {
   vtu: "ParaView",
   med: "MED",
   vti: "ParaView",
+  vtk: "VTK, legacy",
   raw: "raw bytes",
   npy: "NumPy",
   inp: "Abaqus",
@@ -97,21 +118,38 @@ export const FORMATS = {
 };
 
 /**
+ * A document that was typed; what is none is sent as its text, for the server to refuse.
+ * @param {string} words
+ * @returns {{value: any, fault: string}}
+ */
+function documentOf(words) {
+  if (!words.trim()) return { value: undefined, fault: "" };
+  try {
+    return { value: parse(words), fault: "" };
+  } catch (error) {
+    return { value: words, fault: /** @type {Error} */ (error).message };
+  }
+}
+
+/**
  * Fields for some options.
  * @param {string[]} names
  * @param {() => void} changed
- * @returns {{elements: HTMLElement[], values: () => Record<string, string | number | boolean>,
+ * @param {string} [format] of the file
+ * @returns {{elements: HTMLElement[], values: () => Record<string, any>,
  *   mark: (faults: {name: string, detail: string}[]) => string[]}} `values` has those that differ from the server's
  *   defaults; `mark` shows faults at their fields, and gives back those of no field
  */
-export function fields(names, changed) {
-  /** @type {[string, Option, HTMLInputElement | HTMLSelectElement][]} */
+export function fields(names, changed, format = "") {
+  /** @type {[string, Option, HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement][]} */
   const all = [];
   /** @type {(name: string) => HTMLElement[]} */
   const make = (name) => {
-    const option = OPTIONS[name] ?? { label: name.replaceAll("_", " ") };
+    const known = OPTIONS[name] ?? { label: name.replaceAll("_", " ") };
+    const option = name === "for" ? { ...known, choices: READERS[format] ?? [""] } : known;
     const id = `option-${name}`;
-    const { choices, flag, unit, hint } = option;
+    const { choices, flag, json, unit, hint } = option;
+    const described = `${hint ? `${id}-hint ` : ""}${id}-fault`;
     const field = choices
       ? h(
           "select",
@@ -120,12 +158,14 @@ export function fields(names, changed) {
         )
       : flag
         ? h("input", { id, type: "checkbox", checked: option.value === 1 })
-        : h("input", {
-            id,
-            inputmode: "decimal",
-            placeholder: option.value ?? "",
-            "aria-describedby": `${hint ? `${id}-hint ` : ""}${id}-fault`,
-          });
+        : json
+          ? h("textarea", { id, rows: 3, spellcheck: "false", "aria-describedby": described })
+          : h("input", {
+              id,
+              inputmode: "decimal",
+              placeholder: option.value ?? "",
+              "aria-describedby": described,
+            });
     field.addEventListener("input", changed);
     all.push([name, option, field]);
     if (flag) return [h("label", { class: "check" }, field, option.label)];
@@ -142,22 +182,24 @@ export function fields(names, changed) {
   };
   const elements = names.flatMap(make);
   const values = () => {
-    /** @type {Record<string, string | number | boolean>} */
+    /** @type {Record<string, any>} */
     const out = {};
     for (const [name, option, field] of all) {
       if (option.flag) {
         const { checked } = /** @type {HTMLInputElement} */ (field);
         if (checked !== (option.value === 1)) out[name] = checked;
       } else if (option.choices) {
-        if (field.value !== option.choices[0]) out[name] = field.value;
-      } else if (field.value.trim() !== "") out[name] = numberOf(field.value);
+        // A format for one program needs its name.
+        if (field.value !== option.choices[0] || (name === "for" && field.value)) out[name] = field.value;
+      } else if (field.value.trim() === "") continue;
+      else out[name] = option.json ? documentOf(field.value).value : numberOf(field.value);
     }
     return out;
   };
   const mark = (/** @type {{name: string, detail: string}[]} */ faults) => {
     const others = faults.filter(({ name }) => !all.some(([known, { flag }]) => known === name && !flag));
     for (const [name, option, field] of all.filter(([, { flag }]) => !flag)) {
-      const own = option.choices ? "" : faultOf(field.value);
+      const own = option.choices ? "" : option.json ? documentOf(field.value).fault : faultOf(field.value);
       const words = own || faults.find((fault) => fault.name === name)?.detail;
       const place = field.closest(".field")?.querySelector(".fault");
       if (place) text(place, words ?? "");

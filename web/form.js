@@ -12,6 +12,7 @@ import { curve, pointsOf } from "./form-curve.js";
 import { addAggregate, removeAggregate } from "./form-aggregates.js";
 import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
+import { materialFields } from "./form-materials.js";
 import { grains, showFaults, showPlan } from "./form-plan.js";
 import { setAt } from "./form-pointer.js";
 import { report, shell } from "./shell.js";
@@ -31,6 +32,8 @@ const form = byId("form");
 const answer = byId("answer");
 const panel = /** @type {HTMLElement} */ (answer.closest("section"));
 const submit = /** @type {HTMLButtonElement} */ (byId("submit"));
+const materials = /** @type {HTMLDetailsElement} */ (byId("materials"));
+replace(byId("material-fields"), materialFields());
 const fields = new Fields(/** @type {HTMLFormElement} */ (form));
 /** The part for studies, which is loaded when a study is chosen. @type {import("./form-study.js").StudyPart | null} */
 let study = null;
@@ -54,7 +57,7 @@ let idempotency = { body: "", key: "" };
 function labelOf(control) {
   const unit = control.parentElement?.querySelector(".unit")?.textContent;
   const aggregate = control.closest(".aggregate")?.querySelector("legend")?.textContent;
-  const label = control.labels?.[0]?.textContent ?? control.id;
+  const label = control.ariaLabel ?? control.labels?.[0]?.textContent ?? control.id;
   return `${aggregate ? `${aggregate}: ` : ""}${label}${unit ? `, ${unit}` : ""}`;
 }
 
@@ -94,6 +97,7 @@ function fill(request) {
     ? { ...request.template, name: request.name ?? request.template?.name, seed: request.seed }
     : request;
   fields.fill(JSON.parse(JSON.stringify(job)));
+  if (job?.materials) materials.open = true;
   given = isStudy ? request : { grid: {}, replicates: 10 };
   study?.fill(given);
   /** @type {HTMLInputElement} */ (form.querySelector(`[name="runs"][value="${isStudy ? "study" : "job"}"]`)).checked =
@@ -171,6 +175,7 @@ async function plan() {
 function fail(faults) {
   const inTemplate = faults.map((fault) => ({ ...fault, pointer: fault.pointer?.replace(/^\/template(?=\/)/, "") }));
   const others = fields.mark(study ? study.mark(inTemplate) : inTemplate);
+  if (materials.querySelector("[aria-invalid=true]")) materials.open = true;
   showFaults(answer, others, faults.length - others.length);
   const words = faults.length === 1 ? "One fault" : `${faults.length} faults`;
   replace(byId("forecast"), h("button", { type: "button", class: "quiet", onclick: first }, words));

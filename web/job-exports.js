@@ -2,7 +2,7 @@
 import { absolute } from "./address.js";
 import { get, request as ask, send } from "./api.js";
 import { badge, bytes, h, number, percent, replace, text } from "./dom.js";
-import { fields, FORMATS, TYPES } from "./export-options.js";
+import { fields, FOR_PROGRAMS, FORMATS, TYPES } from "./export-options.js";
 import { announce, confirm, report as problem } from "./shell.js";
 
 /** @type {Record<string, string>} */
@@ -94,6 +94,7 @@ export class ExportPart {
     this.kinds = exports.flatMap((/** @type {any} */ e) =>
       e.formats.map((/** @type {any} */ f) => ({ type: e.type, format: f.name, options: f.options })),
     );
+    this.kinds.push(...FOR_PROGRAMS);
     const fits = this.kinds.filter(
       ({ type }) => type !== "slice" && (this.shapes || (type !== "shapes" && type !== "certificates")),
     );
@@ -128,7 +129,7 @@ export class ExportPart {
   #options() {
     const { type, format } = this.#chosen();
     const names = this.kinds?.find((k) => k.type === type && k.format === format)?.options ?? [];
-    this.made = fields(names, () => this.#estimate());
+    this.made = fields(names, () => this.#estimate(), format);
     const { elements } = this.made;
     replace(this.options, elements.length ? elements : h("p", { class: "hint" }, "This file has no options."));
     this.#estimate();
@@ -175,7 +176,9 @@ export class ExportPart {
     const { type, format } = this.#chosen();
     const query = new URLSearchParams({
       format,
-      ...Object.fromEntries(Object.entries(this.made.values()).map(([k, v]) => [k, String(v)])),
+      ...Object.fromEntries(
+        Object.entries(this.made.values()).map(([k, v]) => [k, typeof v === "object" ? JSON.stringify(v) : String(v)]),
+      ),
     });
     this.#fail();
     /** @type {HTMLElement | null} */

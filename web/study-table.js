@@ -23,7 +23,14 @@ const FIGURES = [
   ["time_s_median", "Time", (value) => duration(value)],
   ["time_s_per_success", "Time per success", (value) => duration(value)],
   ["distance_mm_median", "Distance", (value) => quantity(value, "mm", 3)],
+  ["youngs_modulus_gpa_mean", "Young's modulus", (value) => quantity(value, "GPa", 4)],
+  ["youngs_modulus_gpa_std", "Deviation", (value) => quantity(value, "GPa", 2)],
+  ["poissons_ratio_mean", "Poisson's ratio", (value) => number(value, 3)],
+  ["expansion_1_k_mean", "Expansion", (value) => quantity(value, "1/K", 4)],
+  ["conductivity_w_m_k_mean", "Conductivity", (value) => quantity(value, "W/(m K)", 4)],
+  ["diffusivity_m2_s_mean", "Diffusivity", (value) => quantity(value, "m\u00b2/s", 4)],
   ["waiting", "Waiting", (value) => number(value, 1)],
+  ["properties_waiting", "Properties waiting", (value) => number(value, 1)],
 ];
 
 /**
@@ -80,6 +87,7 @@ export class StudyTable {
         ([key]) =>
           has(key) &&
           (key !== "waiting" || !finished) &&
+          (key !== "properties_waiting" || this.rows.some((row) => row.properties_waiting > 0)) &&
           (key !== "partial" || this.rows.some((row) => row.partial > 0)),
       ).map(([key, name, show]) => ({
         key,

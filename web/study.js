@@ -1,7 +1,7 @@
 /** One study: progress, plots, and the table of its points. */
 import { absolute } from "./address.js";
 import { get, Problem, request } from "./api.js";
-import { badge, byId, duration, h, number, replace, text, when } from "./dom.js";
+import { badge, byId, duration, h, number, quantity, replace, text, when } from "./dom.js";
 import { live } from "./live.js";
 import { announce, report, shell } from "./shell.js";
 import { buttons, counts, nameOf } from "./study-parts.js";
@@ -18,7 +18,13 @@ const PLOTS = {
   volume_fraction: ["Volume fraction", "volume_fraction_effective"],
   curve: ["Growth curves", "events_median"],
   event_time: ["Time per event", "event_us_median"],
+  youngs_modulus: ["Young's modulus", "youngs_modulus_gpa_mean"],
+  expansion: ["Thermal expansion", "expansion_1_k_mean"],
+  conductivity: ["Conductivity", "conductivity_w_m_k_mean"],
+  diffusivity: ["Diffusivity", "diffusivity_m2_s_mean"],
 };
+/** The plots that have an abscissa of their own. */
+const OWN_ABSCISSA = { curve: "the time", representative_volume: "the edge of the specimen" };
 
 const table = new StudyTable(byId("points"), path);
 const kind = /** @type {HTMLSelectElement} */ (byId("kind"));
@@ -36,6 +42,8 @@ let tag = "";
 let plotted = "";
 let quarter = -1;
 let warned = 0;
+/** Runs whose properties are still to be computed. */
+let waiting = 0;
 
 async function update() {
   const started = performance.now();
@@ -47,12 +55,17 @@ async function update() {
       tag = answer.headers.get("etag") ?? "";
       const document = await answer.json();
       table.set(document, study.finished_at !== null);
+      waiting = document.rows.reduce(
+        (/** @type {number} */ sum, /** @type {any} */ row) => sum + (row.properties_waiting ?? 0),
+        0,
+      );
       choices(document);
+      representative(document.representative_volumes ?? []);
     }
     await plot();
     report();
     // A table of thousands of points takes its time: at most a tenth of the time is spent on it.
-    if (!study.finished_at) return Math.max(1, (10 * (performance.now() - started)) / 1000);
+    if (!study.finished_at || waiting > 0) return Math.max(1, (10 * (performance.now() - started)) / 1000);
   } catch (error) {
     report(error);
     if (error instanceof Problem && error.status === 404) return;
@@ -99,19 +112,43 @@ function show(study) {
 
 /** Offers the plots for which there are figures, and the columns with numbers as abscissas. @param {any} document */
 function choices(document) {
-  const has = (/** @type {string} */ figure) => document.rows.some((/** @type {any} */ row) => row[figure] !== null);
-  const plots = Object.entries(PLOTS).filter(([, [, figure = ""]]) => has(figure));
-  offer(
-    kind,
-    plots.map(([value, [name = ""]]) => [value, name]),
-  );
-  const columns = [...document.columns.filter((/** @type {string} */ name) => name.startsWith("/")), "grains"];
+  const has = (/** @type {string} */ figure) =>
+    document.rows.some((/** @type {any} */ row) => (row[figure] ?? null) !== null);
+  const plots = Object.entries(PLOTS)
+    .filter(([, [, figure = ""]]) => has(figure))
+    .map(([value, [name = ""]]) => [value, name]);
+  if (document.representative_volumes) plots.push(["representative_volume", "Representative volume"]);
+  offer(kind, plots);
+  /** @type {string[]} */
+  const pointers = document.columns.filter((/** @type {string} */ name) => name.startsWith("/"));
+  const columns = [...pointers, "grains", "volume_fraction_effective"];
   const numeric = columns.filter((name) =>
     document.rows.every((/** @type {any} */ row) => typeof row[name] === "number"),
   );
   offer(
     abscissa,
     numeric.map((name) => [name, columnName(name)]),
+  );
+}
+
+/**
+ * Shows what the scatter of the properties says of the volume that represents the material.
+ * @param {any[]} volumes
+ */
+function representative(volumes) {
+  const sized = volumes.filter((one) => one.edge_mm !== null);
+  const words = (/** @type {any} */ one) => {
+    const group = Object.entries(one.values).map(([name, value]) => `${columnName(name)} ${JSON.stringify(value)}`);
+    return `${[columnName(one.property), ...group].join(", ")}: ${quantity(one.edge_mm, "mm", 3)}`;
+  };
+  replace(
+    byId("representative"),
+    sized.length > 0 &&
+      h(
+        "p",
+        { class: "muted" },
+        `Edge of the cube that has a property within 1 % by itself. ${sized.map(words).join("; ")}.`,
+      ),
   );
 }
 
@@ -135,9 +172,10 @@ async function plot() {
     return text(byId("no-plot"), "There are no runs to plot yet.");
   }
   const query = new URLSearchParams({ title: "false", ...(dark.matches && { theme: "dark" }) });
-  if (kind.value !== "curve" && abscissa.value) query.set("x", abscissa.value);
+  const own = /** @type {Record<string, string>} */ (OWN_ABSCISSA)[kind.value];
+  if (!own && abscissa.value) query.set("x", abscissa.value);
   const address = `${path}/plots/${kind.value}?${query}`;
-  byId("x-field").hidden = kind.value === "curve";
+  byId("x-field").hidden = Boolean(own);
   try {
     const answer = await request("GET", address);
     const now = `${address} ${answer.headers.get("etag")}`;
@@ -145,7 +183,7 @@ async function plot() {
     plotted = now;
     const old = image.src;
     image.src = URL.createObjectURL(await answer.blob());
-    const over = kind.value === "curve" ? "the time" : columnName(abscissa.value || "the first column");
+    const over = own ?? columnName(abscissa.value || "the first column");
     image.alt = `${kind.selectedOptions[0]?.textContent} over ${over}; the figures are in the table below.`;
     image.hidden = false;
     URL.revokeObjectURL(old);

@@ -1,7 +1,7 @@
-"""Runs the commands of the tutorials as they stand there: python run_tutorials.py BINARY [TUTORIAL...]
+"""Runs the commands of the tutorials and recipes as they stand there: python run_tutorials.py BINARY [PAGE...]
 
-Every block fenced as `sh` of a page in docs/tutorial, in one shell, in this order, in a folder with the files that the
-page tells the reader to save. The port 8080 is replaced by a free one. The last tutorial needs CalculiX, and is
+Every block fenced as `sh` of a page in docs/tutorial or docs/recipes, in one shell, in this order, in a folder with the
+files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need CalculiX are
 skipped where it is missing.
 """
 
@@ -14,9 +14,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-TUTORIALS = Path(__file__).resolve().parents[1] / "tutorial"
+DOCS = Path(__file__).resolve().parents[1]
 # In their order in the site; a later one may use the file of an earlier one.
-NAMES = ["first-packing", "study", "cluster", "calculix"]
+PAGES = [
+    *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
+    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "damask", "abaqus")),
+]
+NEED_CALCULIX = {"tutorial/calculix"}
 LONGEST_S = 900
 
 
@@ -33,18 +37,19 @@ def differences(page: Path) -> list[str]:
 
 
 def run(name: str, binary: Path) -> bool:
-    """Runs one tutorial, and says what it printed where a command fails."""
+    """Runs the commands of one page, and says what it printed where a command fails."""
     with socket.socket() as listener, tempfile.TemporaryDirectory() as folder:
         listener.bind(("127.0.0.1", 0))
         port = listener.getsockname()[1]
         listener.close()
-        for file in [*TUTORIALS.glob("*.json"), *TUTORIALS.glob("*.py")]:
+        page = DOCS / f"{name}.md"
+        for file in [*page.parent.glob("*.json"), *page.parent.glob("*.py")]:
             shutil.copy(file, folder)
         bin_folder = Path(folder) / "bin"
         bin_folder.mkdir()
         (bin_folder / "packstone").symlink_to(binary)
         script = "set -euo pipefail\ntrap 'running=$(jobs -p); [ -z \"$running\" ] || kill $running; wait' EXIT\n"
-        script += commands(TUTORIALS / f"{name}.md").replace("localhost:8080", f"localhost:{port}")
+        script += commands(page).replace("localhost:8080", f"localhost:{port}")
         environment = {**os.environ, "PATH": f"{bin_folder}:{Path(sys.executable).parent}:{os.environ['PATH']}",
                        "PACKSTONE_LISTEN": f"127.0.0.1:{port}"}
         ended = subprocess.run(["bash", "-c", script], cwd=folder, env=environment, check=False, text=True,
@@ -55,15 +60,15 @@ def run(name: str, binary: Path) -> bool:
 
 
 def main() -> None:
-    binary, names = Path(sys.argv[1]).resolve(), sys.argv[2:] or NAMES
+    binary, names = Path(sys.argv[1]).resolve(), sys.argv[2:] or PAGES
     failed = []
     for name in names:
-        different = differences(TUTORIALS / f"{name}.md")
+        different = differences(DOCS / f"{name}.md")
         if different:
             print(f"{name}.md shows {', '.join(different)} otherwise than the file is", file=sys.stderr)
             failed.append(name)
-        elif name == "calculix" and not shutil.which("ccx"):
-            print("SKIPPED calculix: no ccx", file=sys.stderr)
+        elif name in NEED_CALCULIX and not shutil.which("ccx"):
+            print(f"SKIPPED {name}: no ccx", file=sys.stderr)
         elif run(name, binary):
             print(f"{name}: its commands work")
         else:

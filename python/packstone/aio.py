@@ -459,6 +459,10 @@ class AsyncStudy(_AsyncChanging[Study]):
         """See :meth:`Study.table`."""
         return await self._threads.call(self.sync.table)
 
+    async def representative_volumes(self) -> list[dict[str, Any]]:
+        """See :meth:`Study.representative_volumes`."""
+        return await self._threads.call(self.sync.representative_volumes)
+
     async def runs(
         self, *, labels: Labels | None = None, names: Mapping[str, str] | None = None
     ) -> list[dict[str, Any]]:

@@ -121,8 +121,15 @@ class LocalStudy:
         return [_warnings.text_of_points(detail, len(of), of[0], self.points) for detail, of in about.items()]
 
     def table(self) -> list[dict[str, Any]]:
-        """Returns one row per point: its values, runs, success rate with its 95 % interval, times, medians."""
+        """Returns one row per point: its values, runs, success rate with its 95 % interval, times, medians.
+
+        Where jobs compute ``properties``, each has its mean, standard deviation and count.
+        """
         return self._table()[1]
+
+    def representative_volumes(self) -> list[dict[str, Any]]:
+        """Returns how properties scatter over several volumes, see :meth:`Study.representative_volumes`."""
+        return list(self._fetch_table().get("representative_volumes", []))
 
     def to_dataframe(
         self, *, labels: Labels | None = None, names: Mapping[str, str] | None = None
@@ -224,8 +231,11 @@ class LocalStudy:
         records = [{"point": at[0], "replicate": at[1], **self._records[at]} for at in places]
         return encoded(records)
 
+    def _fetch_table(self) -> dict[str, Any]:
+        return dict(json.loads(self._native.table(self._ended(), "json")))
+
     def _table(self) -> tuple[list[str], list[dict[str, Any]]]:
-        table = json.loads(self._native.table(self._ended(), "json"))
+        table = self._fetch_table()
         return list(table["columns"]), list(table["rows"])
 
     def _rows(
@@ -246,7 +256,8 @@ class LocalStudy:
                 "error": error,
             }
             of_point = {name: column[point] for name, column in values.items()}
-            figures = {f"result_{name}" if name in of_point else name: value for name, value in record["facts"].items()}
+            facts = _figures(record["facts"])
+            figures = {f"result_{name}" if name in of_point else name: value for name, value in facts.items()}
             found.append({**row, **of_point, **figures})
         return list(named.values()), found
 
@@ -262,6 +273,13 @@ class LocalStudy:
             "warnings": self.warnings,
         }
         return _html.card(f"Study {self.name or self.seed}", rows)
+
+
+def _figures(facts: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a run, each property as one of them."""
+    values = facts.get("properties", {}).get("values", {})
+    others = {name: value for name, value in facts.items() if name != "properties"}
+    return others | {name: of["value"] for name, of in values.items()}
 
 
 class _Ended(Exception):

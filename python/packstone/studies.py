@@ -32,7 +32,10 @@ if TYPE_CHECKING:
 
 
 StudyState = Literal["open", "finished"]
-StudyPlotKind = Literal["success", "time", "distance", "curve", "volume_fraction", "event_time"]
+StudyPlotKind = Literal[
+    "success", "time", "distance", "curve", "volume_fraction", "event_time",
+    "youngs_modulus", "expansion", "conductivity", "diffusivity", "representative_volume",
+]  # fmt: skip
 
 # The columns of a table of runs that each run has.
 RUN_COLUMNS = (
@@ -88,8 +91,21 @@ class Study(Resource):
             yield Job(self._transport, item)
 
     def table(self) -> list[dict[str, Any]]:
-        """Returns one row per point: its values, runs, success rate with its 95 % interval, times, medians."""
+        """Returns one row per point: its values, runs, success rate with its 95 % interval, times, medians.
+
+        Where jobs compute ``properties``, each has its mean, standard deviation and count, as
+        ``youngs_modulus_gpa_mean``. They follow the ends of the jobs: ``properties_waiting`` counts what is missing.
+        """
         return self._table()[1]
+
+    def representative_volumes(self) -> list[dict[str, Any]]:
+        """Returns how properties scatter over packings of several volumes, and the volume for an error of 1 %.
+
+        One item per property and combination of the values that do not depend on the volume: fitted ``alpha`` and
+        ``integral_range_mm3`` (Kanit et al. 2003), ``edge_mm``, and the ``volumes`` with mean, standard deviation and
+        number of ``realisations``. Empty unless the study varies the volume of the specimen.
+        """
+        return list(self._fetch_table().get("representative_volumes", []))
 
     def to_dataframe(
         self, *, labels: Labels | None = None, names: Mapping[str, str] | None = None
@@ -175,8 +191,10 @@ class Study(Resource):
         """Returns a plot of the table, and saves it if there is a `path`.
 
         ``success`` rate, ``time`` per success, ``distance`` reached, ``volume_fraction`` or ``event_time``
-        against `x`, which is a column or ``grains``; ``curve``: distance against packing time. ``title=False``
-        leaves the title out. A plot for which no run has data is refused.
+        against `x`, which is a column, ``grains`` or ``volume_fraction_effective``; ``curve``: distance against
+        packing time. Of jobs that compute ``properties``: ``youngs_modulus``, ``expansion``, ``conductivity`` or
+        ``diffusivity`` with each packing, and their ``representative_volume``. ``title=False`` leaves the title out.
+        A plot for which no run has data is refused.
         """
         response = self._transport.request(
             "GET",
@@ -211,9 +229,12 @@ class Study(Resource):
         self._act("retry", params, if_unchanged=if_unchanged)
         return self
 
-    def _table(self) -> tuple[list[str], list[dict[str, Any]]]:
+    def _fetch_table(self) -> dict[str, Any]:
         response = self._transport.request("GET", f"{self.path}/table", params={"format": "json"})
-        table = document(response)
+        return dict(document(response))
+
+    def _table(self) -> tuple[list[str], list[dict[str, Any]]]:
+        table = self._fetch_table()
         return list(table["columns"]), list(table["rows"])
 
     def _runs(

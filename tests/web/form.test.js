@@ -321,6 +321,40 @@ test("a study of two fields and seeds is described and submitted", inBrowser, as
   await close();
 });
 
+test("materials are typed in a folded table, and members that it does not show stay", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  assert.equal((await request(page)).materials, undefined, "empty fields give none");
+  assert.equal(await page.locator("#matrix-youngs_modulus_gpa").isVisible(), false, "folded away");
+  await page.click("#materials summary");
+  await page.getByLabel("Matrix: Young's modulus, GPa").fill("25");
+  await page.getByLabel("Matrix: Poisson's ratio").fill("0,2");
+  await page.getByLabel("Aggregate: Poisson's ratio").fill("0.7");
+  await page.waitForFunction(() => document.getElementById("aggregate-poissons_ratio-fault")?.textContent);
+  assert.match(await page.innerText("#aggregate-poissons_ratio-fault"), /0\.7 is out of range/);
+  await page.getByLabel("Aggregate: Poisson's ratio").fill("");
+  await page.getByLabel("Aggregate: Expansion, 1/K").fill("8e-6");
+  await planned(page);
+  const materials = {
+    matrix: { youngs_modulus_gpa: 25, poissons_ratio: 0.2 },
+    aggregate: { expansion_1_k: 8e-6 },
+  };
+  assert.deepEqual((await request(page)).materials, materials);
+  // A request with more: it opens the table and keeps what the table does not show.
+  const more = { ...materials, matrix: { ...materials.matrix, diffusivity_m2_s: 1e-12 } };
+  await page.fill("#json", JSON.stringify({ ...(await request(page)), materials: more }));
+  await page.getByLabel("Matrix: Young's modulus, GPa").fill("30");
+  await planned(page);
+  const kept = (await request(page)).materials;
+  assert.deepEqual(kept, { ...more, matrix: { ...more.matrix, youngs_modulus_gpa: 30 } });
+  await page.reload();
+  await planned(page);
+  assert.equal(await page.inputValue("#matrix-youngs_modulus_gpa"), "30");
+  assert.equal(await page.locator("#matrix-youngs_modulus_gpa").isVisible(), true, "open where there are some");
+  clean();
+  await close();
+});
+
 test("the commands of the page do what the page does", inBrowser, async () => {
   const { page, clean, close } = await openPage(browser, `${server.url}/`);
   await planned(page);

@@ -160,6 +160,41 @@ describe("page of a job", inBrowser, () => {
     await opened.close();
   });
 
+  test("voxels are made for the program that reads them, with materials that are typed", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const opened = await open(job);
+    const { page } = opened;
+    const offered = () => page.$$eval("#option-for option", (all) => all.map((one) => /** @type {any} */ (one).value));
+    for (const [format, programs] of /** @type {[string, string[]][]} */ ([
+      ["vti", ["", "damask"]],
+      ["npy", ["", "automesh"]],
+      ["vtk", ["amitex"]],
+      ["zip", ["fans"]],
+    ])) {
+      await page.selectOption("#export-kind", `voxels ${format}`);
+      assert.deepEqual(await offered(), programs, format);
+    }
+    await page.locator("details summary", { hasText: "Options" }).click();
+    await page.fill("#option-cells", "12");
+    await page.fill("#option-materials", "{");
+    await page.waitForFunction(() => document.getElementById("option-materials-fault")?.textContent);
+    const solid = { youngs_modulus_gpa: 25, poissons_ratio: 0.2 };
+    const materials = { matrix: solid, aggregate: { ...solid, youngs_modulus_gpa: 70 } };
+    await page.fill("#option-materials", JSON.stringify(materials));
+    await page.waitForFunction(() => !document.getElementById("option-materials-fault")?.textContent);
+    await page.getByRole("button", { name: "Make the file" }).click();
+    const row = page.locator(".table tr", { hasText: "Voxel model: zip" });
+    await row.locator(".badge[data-state=succeeded]").waitFor();
+    const [made] = (await (await server.ask(`/v1/jobs/${job.id}/exports`)).json()).items;
+    assert.deepEqual([made.options.for, made.options.materials], ["fans", materials]);
+    await page.selectOption("#export-kind", "voxels vtk");
+    await page.fill("#option-cells", "12");
+    await page.getByRole("button", { name: "Make the file" }).click();
+    const amitex = page.locator(".table tr", { hasText: "Voxel model: VTK" });
+    await amitex.locator(".badge[data-state=succeeded]").waitFor();
+    await opened.close();
+  });
+
   test("a picture is saved at the width that was chosen", inBrowser, async () => {
     const job = await server.pack(SMALL);
     const opened = await open(job);

@@ -165,6 +165,40 @@ test("one study: plots, sorting, the jobs of a point, CSV", inBrowser, async () 
   await close();
 });
 
+test("a study has the plots of its properties and the representative volume", inBrowser, async () => {
+  const solid = { youngs_modulus_gpa: 25, poissons_ratio: 0.2 };
+  const sizes = [12, 18].map((edge) => [edge, edge, edge]);
+  const made = await (
+    await server.ask("/v1/studies", {
+      method: "POST",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify({
+        seed: 3,
+        replicates: 3,
+        template: {
+          specimen: { type: "box", size_mm: sizes[0], boundary: "periodic" },
+          mix: { grading: { type: "monodisperse", diameter_mm: 5 }, volume_fraction: 0.25, allow_coarse: true },
+          materials: { matrix: solid, aggregate: { ...solid, youngs_modulus_gpa: 70 } },
+          postprocess: [{ type: "properties", cells: 8, kinds: "stiffness" }],
+        },
+        zip: { "/specimen/size_mm": sizes, "/postprocess/0/cells": [8, 12] },
+      }),
+    })
+  ).json();
+  const { page, clean, close } = await openPage(browser, `${server.url}/studies/${made.id}`);
+  await page.locator("#kind option[value=representative_volume]").waitFor({ state: "attached" });
+  await page.selectOption("#kind", "representative_volume");
+  await page.waitForFunction(() => /Representative volume over/.test(document.getElementById("plot")?.alt ?? ""));
+  assert.equal(await page.locator("#x-field").isVisible(), false);
+  await page.selectOption("#kind", "youngs_modulus");
+  await page.waitForFunction(() => /Young's modulus over/.test(document.getElementById("plot")?.alt ?? ""));
+  await page.getByRole("columnheader", { name: "Young's modulus" }).waitFor();
+  // The page looks again until the properties of all runs are there, although the study has finished.
+  await page.waitForFunction(() => !document.querySelector("th")?.textContent?.includes("Properties waiting"));
+  clean();
+  await close();
+});
+
 test("a study is cancelled, retried and deleted from its page", inBrowser, async () => {
   const long = await post("/v1/studies", { name: "long", template: LONG, replicates: 4 });
   const { page, clean, close } = await openPage(browser, `${server.url}/studies/${long.id}`);

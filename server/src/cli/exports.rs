@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use packstone_engine::export::picture::{self, PictureOptions};
-use packstone_engine::export::{ExportError, ExportEstimate, ExportRequest, ExportType, Model};
+use packstone_engine::export::{ExportError, ExportEstimate, ExportReport, ExportRequest, ExportType, Model};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::request::{Materials, materials};
 use packstone_engine::{Checkpoint, Control, FieldError, Limits, PackingRequest, Plan, Progress, Resume};
@@ -76,6 +76,12 @@ pub(super) struct MaterialsFile {
 }
 
 impl MaterialsFile {
+    /// Those of a file.
+    #[cfg(test)]
+    pub(super) fn of(file: PathBuf) -> Self {
+        Self { materials: Some(file) }
+    }
+
     /// The exports with these materials, where they lack their own.
     pub(super) fn given_to<'a>(
         &self,
@@ -83,7 +89,15 @@ impl MaterialsFile {
         input: &Input,
     ) -> Result<Vec<ExportRequest>, Failure> {
         let exports = exports.into_iter().cloned();
-        let Some(file) = &self.materials else { return Ok(exports.collect()) };
+        Ok(match self.read(input)? {
+            Some(materials) => exports.map(|export| export.with_materials(&materials)).collect(),
+            None => exports.collect(),
+        })
+    }
+
+    /// The materials, where a file is named.
+    pub(super) fn read(&self, input: &Input) -> Result<Option<Materials>, Failure> {
+        let Some(file) = &self.materials else { return Ok(None) };
         let document = input.json(file)?;
         let faults = Faults::default();
         let read = Materials::read(&At::root(&document, &faults)).filter(|_| faults.count() == 0);
@@ -91,7 +105,7 @@ impl MaterialsFile {
             let faults = listed(&faults.into_vec());
             Exit::BadInput.because(format_args!("{} is refused:\n  {faults}", file.display()))
         })?;
-        Ok(exports.map(|export| export.with_materials(&materials)).collect())
+        Ok(Some(materials))
     }
 }
 
@@ -160,7 +174,7 @@ pub(super) fn write_all<'a>(
         let control = Keeping::new(&watch, beside(&output.file, CHECKPOINT), checkpoint_every);
         let resume = output.export.checkpoint_identity(model).and_then(|identity| control.earlier(&identity));
         let written = write(&output.export, model, limits, resume, &control, &output.file)
-            .and_then(|()| checkpoints::remove(&control.file).map_err(ExportError::from));
+            .and_then(|_| checkpoints::remove(&control.file).map_err(ExportError::from));
         watch.bar.finish();
         written.map_err(|error| {
             let exit = Exit::of_export(&error);
@@ -230,7 +244,7 @@ pub(super) fn listed(faults: &[FieldError]) -> String {
 }
 
 /// Makes an export as a file, with its report in another beside it, and the script that opens it where its program
-/// needs one.
+/// needs one. Returns the report.
 pub(super) fn write(
     export: &ExportRequest,
     model: &Model<'_>,
@@ -238,15 +252,10 @@ pub(super) fn write(
     resume: Option<Resume>,
     control: &dyn Control,
     file: &Path,
-) -> Result<(), ExportError> {
-    let (mut text, mut warnings) = (String::new(), Vec::new());
-    write_buffered(file, |out| {
-        let report = export.write_or_resume(model, limits, resume, control, out)?;
-        text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
-        warnings = report.warnings().to_vec();
-        Ok::<(), ExportError>(())
-    })?;
-    for warning in warnings {
+) -> Result<ExportReport, ExportError> {
+    let report = write_buffered(file, |out| export.write_or_resume(model, limits, resume, control, out))?;
+    let text = serde_json::to_string_pretty(&report).map_err(std::io::Error::from)? + "\n";
+    for warning in report.warnings() {
         say(&format!("warning: {}: {warning}", file.display()));
     }
     write_buffered(&beside(file, "report.json"), |out| out.write_all(text.as_bytes()))?;
@@ -254,7 +263,7 @@ pub(super) fn write(
     if let Some((ending, text)) = export.companion(&name) {
         write_buffered(&beside(file, ending), |out| out.write_all(text.as_bytes()))?;
     }
-    Ok(())
+    Ok(report)
 }
 
 /// Keeps checkpoints of an export in a file beside it, from which the same command goes on after it was killed.

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use packstone_engine::export::tables::stored::StoredBytes;
 use packstone_engine::export::tables::{self, EngineInfo, GrainSource as _, Head};
-use packstone_engine::export::{ExportRequest, Model, Provenance};
+use packstone_engine::export::{ExportError, ExportReport, ExportRequest, ExportType, Model, Provenance};
 use packstone_engine::{Grains, Limits, Packing, Report};
 use serde_json::{Map, Value};
 
@@ -21,6 +21,7 @@ use crate::plots::draw;
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::theme::{Theme, themed};
 use crate::strict_json;
+use crate::studies::PropertyFacts;
 
 /// What belongs beside the file of an export, if anything does, as the script that opens a mesh for Gmsh: what is
 /// added to `file_name`, and the text. `options` are those of [`Packed::write_export`].
@@ -123,14 +124,37 @@ impl Packed {
         out: &mut dyn Write,
     ) -> Result<String, Ended> {
         let export = read_export(export, options)?;
-        let JobRequest { specimen, materials, .. } = self.request()?;
+        to_json(&self.write(&self.request()?, &export, run, out)?)
+    }
+
+    /// Effective properties, of the exports that the request names.
+    ///
+    /// # Errors
+    /// Those of the export.
+    pub(super) fn properties(
+        &self,
+        request: &JobRequest,
+        run: &Run,
+    ) -> Result<Option<PropertyFacts>, ExportError> {
+        let of_properties = request.exports().filter(|export| export.export_type() == ExportType::Properties);
+        let reports = of_properties.map(|export| self.write(request, export, run, &mut std::io::sink()));
+        Ok(PropertyFacts::of_reports(reports.collect::<Result<Vec<_>, _>>()?))
+    }
+
+    fn write(
+        &self,
+        request: &JobRequest,
+        export: &ExportRequest,
+        run: &Run,
+        out: &mut dyn Write,
+    ) -> Result<ExportReport, ExportError> {
         let provenance = Provenance::from(&self.head);
-        let model = Model::new(&specimen, &self.grains)
+        let model = Model::new(&request.specimen, &self.grains)
             .with_distance(distance_kept(&self.head))
             .with_provenance(&provenance)
-            .with_materials(materials.as_ref())
+            .with_materials(request.materials.as_ref())
             .with_mesher(&gmsh::Installed);
-        to_json(&export.write(&model, &self.limits, run, out)?)
+        export.write(&model, &self.limits, run, out)
     }
 
     /// Writes a file in a format of that name, as [`write_table`](Self::write_table) does. Its name only ever stands

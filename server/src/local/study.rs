@@ -3,6 +3,7 @@
 use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
 
+use packstone_engine::export::ExportError;
 use packstone_engine::{Limits, PackError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -28,7 +29,7 @@ struct Record {
     facts: Facts,
     /// Packing time in s and distance in mm over the growth.
     distance_curve: Vec<[f64; 2]>,
-    /// Why there is no packing.
+    /// Why there is no packing, or why its properties could not be computed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<FailureDocument>,
 }
@@ -42,10 +43,11 @@ struct Counted {
     distance_curve: Vec<[f64; 2]>,
 }
 
-/// Packs the request of a run of a study, on this thread alone; what it came to as JSON (`outcome`, `facts`,
-/// `distance_curve`, and `error` where there is no packing), and the packing. The outcome is `succeeded`, `partial`
-/// where the run ended before its target and kept what it had reached, `target_not_reached` (also where the time limit
-/// of the job ended the run), or `void` for a run that does not count.
+/// Packs the request of a run of a study, on this thread alone, and computes the properties that its `postprocess`
+/// names; other exports are not made. What it came to as JSON (`outcome`, `facts`, `distance_curve`, and `error` where
+/// there is no packing), and the packing. The outcome is `succeeded`, `partial` where the run ended before its target
+/// and kept what it had reached, `target_not_reached` (also where the time limit of the job ended the run), or `void`
+/// for a run that does not count.
 ///
 /// # Errors
 /// [`Ended::Refused`] for a request that does not hold; [`Ended::Stopped`].
@@ -57,9 +59,16 @@ pub fn run_of_study(request: &str, run: &Run) -> Result<(String, Option<Packed>)
     let time_s = run.time_s();
     let record = match &packed {
         Ok(packed) => {
-            let facts = Facts::of_packing(packed.of_engine());
+            // The time limit of the job holds for the packing only.
+            run.begin(None, false, None, job.request.on_limit);
+            let (properties, error) = match packed.properties(&job.request, run) {
+                Ok(properties) => (properties, None),
+                Err(ExportError::Stopped) => return Err(Ended::Stopped),
+                Err(error) => (None, Some(FailureDocument::from(&Failure::from(error)))),
+            };
+            let facts = Facts { properties, ..Facts::of_packing(packed.of_engine()) };
             let distance_curve = packed.of_engine().distance_curve();
-            Record { outcome: facts.outcome_of_packing(), facts, distance_curve, error: None }
+            Record { outcome: facts.outcome_of_packing(), facts, distance_curve, error }
         }
         Err(PackError::Stopped { .. }) => {
             let failure = run.timed_out(job.request.timeout_s).ok_or(Ended::Stopped)?;

@@ -10,6 +10,7 @@ pub(crate) mod draw;
 pub(crate) mod job;
 mod names;
 mod quality;
+mod representative;
 mod shapes;
 pub(crate) mod study;
 mod style;

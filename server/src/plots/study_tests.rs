@@ -2,15 +2,21 @@ use serde_json::json;
 
 use super::*;
 use crate::plots::axis::{Extent, Scale};
+use crate::studies::properties::{PropertyFacts, PropertyValue};
+use crate::studies::{Facts, Keys, Outcome, Run};
 
 /// A table of rows with values and cells.
 fn table(columns: &[&str], rows: Vec<(Vec<Value>, Cells)>) -> Table {
     let columns: Vec<String> = columns.iter().map(ToString::to_string).collect();
     let rows = rows
         .into_iter()
-        .map(|(values, cells)| Row { values: columns.iter().cloned().zip(values).collect(), cells })
+        .map(|(values, cells)| Row {
+            values: columns.iter().cloned().zip(values).collect(),
+            cells,
+            ..Row::default()
+        })
         .collect();
-    Table { columns, rows }
+    Table { columns, rows, ..Table::default() }
 }
 
 fn rate(rate: f64) -> Cells {
@@ -72,12 +78,16 @@ fn time_is_logarithmic_and_missing_where_nothing_succeeded() {
 #[test]
 fn the_abscissa_is_a_column_of_numbers_or_the_grains() {
     let table = by_method();
-    assert_eq!(abscissas(&table), ["/mix/volume_fraction", "/mix/d_min_mm", "grains"]);
+    assert_eq!(
+        abscissas(&table),
+        ["/mix/volume_fraction", "/mix/d_min_mm", "grains", "volume_fraction_effective"]
+    );
     let options = |x: &str| StudyOptions { x: Some(x.into()), log_x: None };
     let refused = chart(StudyPlot::Time, None, &table, &[], &options("/method")).unwrap_err();
     assert_eq!(
         refused.to_string(),
-        "\"/method\" is not an abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains"
+        "\"/method\" is not an abscissa of this study: must be one of /mix/volume_fraction, /mix/d_min_mm, grains, \
+         volume_fraction_effective"
     );
     let chosen = drawn(StudyPlot::Success, &table, &options("/mix/d_min_mm"));
     assert_eq!(chosen.x.label, "cut-off diameter in mm");
@@ -148,8 +158,104 @@ fn plots_without_data_are_not_among_the_plots_of_a_study() {
         ..touching
     };
     let curve = RunCurve { point: 0, points: vec![[0.1, 0.2], [1.0, 0.5]] };
-    let all: Vec<&str> = StudyPlot::ALL.iter().map(|kind| kind.name()).collect();
-    assert_eq!(kinds(apart, &[curve]), all);
+    let without_properties = StudyPlot::ALL.iter().filter(|kind| kind.property().is_none());
+    let all: Vec<&str> = without_properties.map(|kind| kind.name()).collect();
+    assert_eq!(kinds(apart, &[curve]), all[..all.len() - 1], "no representative volume");
+}
+
+/// A table of runs with a conductivity: the pointers of its columns, and of each point its values and its runs, as
+/// volume fraction, edge and conductivity.
+fn conducting(columns: &[&str], points: &[(Vec<Value>, Vec<(f64, f64, f64)>)]) -> Table {
+    let keys = Keys {
+        columns: columns.iter().map(ToString::to_string).collect(),
+        values: points.iter().map(|(values, _)| values.clone()).collect(),
+    };
+    let mut runs = Vec::new();
+    for (point, (_, of)) in points.iter().enumerate() {
+        for (replicate, &(fraction, edge_mm, value)) in of.iter().enumerate() {
+            let value = PropertyValue { value, phase_variance: Some(2.0) };
+            let values = [(Property::Conductivity, value)].into();
+            let facts = Facts {
+                volume_fraction_effective: Some(fraction),
+                properties: Some(PropertyFacts { volume_mm3: edge_mm.powi(3), values }),
+                ..Facts::default()
+            };
+            runs.push(Run { point, replicate, outcome: Outcome::Succeeded, facts });
+        }
+    }
+    Table::new(&keys, &runs, &[])
+}
+
+#[test]
+fn properties_are_plotted_against_the_volume_fraction_with_each_packing() {
+    let point = |phi: f64, d: f64| {
+        (vec![json!(d), json!(phi)], vec![(phi - 0.01, 20.0, 2.0 + phi), (phi + 0.01, 20.0, 2.2 + phi)])
+    };
+    let columns = ["/mix/d_min_mm", "/mix/volume_fraction"];
+    let table = conducting(&columns, &[point(0.3, 2.0), point(0.4, 2.0), point(0.3, 4.0), point(0.4, 4.0)]);
+    let found = drawn(StudyPlot::Conductivity, &table, &StudyOptions::default());
+    assert_eq!(
+        (found.x.label.as_str(), found.y.label.as_str()),
+        ("volume fraction", "conductivity in W/(m K)")
+    );
+    assert_eq!(labels(&found), ["-", "-", "cut-off diameter 2 mm", "cut-off diameter 4 mm"]);
+    let discs: Vec<(f64, f64)> = found.series[0].points.iter().map(|point| (point.x, point.y)).collect();
+    assert_eq!(discs, [(0.3, 2.3), (0.3, 2.5), (0.4, 2.4), (0.4, 2.6)]);
+    let mean = &found.series[2].points[1];
+    let [low, high] = mean.interval.unwrap();
+    // The standard deviation of two values is their difference over the root of 2.
+    assert!((mean.y - 2.5).abs() < 1e-12 && (high - low - 0.4 / 2.0_f64.sqrt()).abs() < 1e-12, "{mean:?}");
+    // Against what was counted each packing has its own place.
+    let options = StudyOptions { x: Some(VOLUME_FRACTION.into()), log_x: None };
+    let counted = drawn(StudyPlot::Conductivity, &table, &options);
+    assert_eq!(counted.x.label, "volume fraction of the grains");
+    assert_eq!(
+        labels(&counted)[2..],
+        ["cut-off diameter 2 mm", "cut-off diameter 4 mm"],
+        "for what it depends on"
+    );
+    let places: Vec<f64> = counted.series[0].points.iter().map(|point| point.x).collect();
+    assert!((places[0] - 0.29).abs() < 1e-12 && (places[1] - 0.31).abs() < 1e-12, "{places:?}");
+    let svg = crate::plots::draw::svg(&counted, true).unwrap();
+    assert!(svg.contains("Conductivity: TB-7"), "{svg}");
+    let none = drawn(StudyPlot::YoungsModulus, &table, &StudyOptions::default());
+    assert!(none.is_empty() && none.when_empty.contains("`properties`"), "{none:?}");
+    // Without a column of it, the fraction that was counted, where it differs.
+    let by_mix = |a: f64, b: f64| {
+        let mixes = [(json!("A16"), a), (json!("B16"), b)];
+        let points = mixes.map(|(name, phi)| (vec![name], vec![(phi, 20.0, 2.0)]));
+        drawn(StudyPlot::Conductivity, &conducting(&["/name"], &points), &StudyOptions::default()).x.label
+    };
+    assert_eq!(by_mix(0.3, 0.35), "volume fraction of the grains");
+    assert_eq!(by_mix(0.3, 0.301), "number of grains N");
+}
+
+#[test]
+fn the_representative_volume_has_means_and_scatter_against_the_edge() {
+    let point = |phi: f64, edge: f64, half: f64| {
+        let size = json!([edge, edge, edge]);
+        (vec![json!(phi), size], vec![(phi, edge, 2.0 - half), (phi, edge, 2.0 + half)])
+    };
+    let points =
+        [point(0.3, 10.0, 0.2), point(0.3, 20.0, 0.1), point(0.4, 10.0, 0.1), point(0.4, 20.0, 0.05)];
+    let table = conducting(&["/mix/volume_fraction", "/specimen/size_mm"], &points);
+    let found = drawn(StudyPlot::RepresentativeVolume, &table, &StudyOptions::default());
+    assert_eq!(found.title, "Representative volume, conductivity: TB-7");
+    assert_eq!(labels(&found), ["-", "-", "volume fraction 0.3", "volume fraction 0.4"]);
+    let edges: Vec<f64> = found.series[2].points.iter().map(|point| point.x).collect();
+    assert!((edges[0] - 10.0).abs() < 1e-12 && (edges[1] - 20.0).abs() < 1e-12, "{edges:?}");
+    let [scatter] = &found.layout.below[..] else { panic!("one panel: {found:?}") };
+    let measured = &scatter.series[0].points;
+    assert!((measured[0].y - 100.0 * 0.2 * 2.0_f64.sqrt() / 2.0).abs() < 1e-9, "{measured:?}");
+    // Of two volumes the line goes through both.
+    let line = &scatter.series[1];
+    assert!(line.label.as_deref().unwrap().starts_with("\u{3B1} = 0.67, A3 = "), "{line:?}");
+    let (first, last) = (&line.points[0], line.points.last().unwrap());
+    assert!((first.y - measured[0].y).abs() < 1e-9 && (last.y - measured[1].y).abs() < 1e-9, "{line:?}");
+    assert!(crate::plots::draw::svg(&found, true).is_ok());
+    let one = conducting(&["/mix/volume_fraction"], &[(vec![json!(0.3)], vec![(0.3, 10.0, 2.0)])]);
+    let none = drawn(StudyPlot::RepresentativeVolume, &one, &StudyOptions::default());
+    assert!(none.is_empty() && none.when_empty.contains("/specimen/size_mm"), "{none:?}");
 }
 
 #[test]

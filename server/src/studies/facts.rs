@@ -30,6 +30,7 @@ impl Facts {
             end: grown
                 .map(|edmd| edmd.stop)
                 .or(report.statistics.monte_carlo.map(|monte_carlo| monte_carlo.stop)),
+            properties: None,
         }
     }
 

@@ -10,6 +10,8 @@ mod expand;
 mod facts;
 mod interval;
 mod pointer;
+pub(crate) mod properties;
+pub(crate) mod representative;
 mod request;
 #[cfg(test)]
 mod schema;
@@ -27,7 +29,8 @@ use serde_json::{Value, json};
 use crate::jobs::JobRequest;
 use crate::webhooks::WebhookUrl;
 
-pub(crate) use table::{Keys, Table};
+pub(crate) use properties::PropertyFacts;
+pub(crate) use table::{Keys, Row, Table};
 
 /// Most jobs of a study.
 pub(crate) const MAX_JOBS: usize = 10_000;
@@ -192,6 +195,9 @@ pub(crate) struct Facts {
     pub(crate) edmd_s: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) end: Option<GrowthEnd>,
+    /// Effective properties, once the exports that compute them are made.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) properties: Option<PropertyFacts>,
 }
 
 /// A run that ended.

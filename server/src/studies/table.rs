@@ -1,6 +1,7 @@
 //! The table of a study: one row per point, with the figures of its runs.
 //!
-//! It is computed from the [`Facts`] of the runs at each request. `docs/studies.md` defines every column.
+//! It is computed from the [`Facts`] of the runs at each request. `docs/studies.md` defines every column. The columns
+//! of effective properties are there where a run has any ([`super::properties`]).
 
 use std::io::{self, Write};
 
@@ -9,6 +10,8 @@ use serde::{Serialize, Serializer};
 use serde_json::Value;
 
 use super::interval::wilson;
+use super::properties::{RowProperties, sum_up};
+use super::representative::{self, RepresentativeVolume};
 use super::{Facts, Outcome, Run};
 
 /// The columns that identify the points: their names, and their values per point.
@@ -37,8 +40,12 @@ pub(crate) struct Table {
     /// Names of the columns that tell the points apart: JSON pointers, or `point` and `name` for a list.
     pub(crate) columns: Vec<String>,
     /// One per point, in the order of the study: the values of these columns, and the figures.
-    #[cfg_attr(test, schema(value_type = Vec<Cells>))]
     pub(crate) rows: Vec<Row>,
+    /// How the properties scatter over packings of several volumes; absent unless runs have properties and the volume
+    /// of the specimen varies.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(test, schema(required = false))]
+    pub(crate) representative_volumes: Vec<RepresentativeVolume>,
 }
 
 /// A point and the figures of its runs. As JSON one flat object, the columns first.
@@ -47,6 +54,7 @@ pub(crate) struct Row {
     /// Name and value of each column.
     pub(crate) values: Vec<(String, Value)>,
     pub(crate) cells: Cells,
+    pub(crate) properties: RowProperties,
 }
 
 /// A figure of a row.
@@ -64,7 +72,6 @@ macro_rules! cells {
         /// The figures of the runs of a point. A figure is `null` where no run has it.
         #[derive(Clone, Debug, Default, PartialEq, Serialize)]
         #[cfg_attr(test, derive(utoipa::ToSchema))]
-        #[cfg_attr(test, schema(as = StudyTableRow))]
         pub(crate) struct Cells {
             $($(#[$meta])* pub(crate) $name: $($kind)+,)*
         }
@@ -160,9 +167,23 @@ impl Table {
             Row {
                 values: keys.columns.iter().cloned().zip(values.iter().cloned()).collect(),
                 cells: Cells::new(&runs, rest.get(point).copied().unwrap_or_default()),
+                properties: properties_of(&runs),
             }
         });
-        Self { columns: keys.columns.clone(), rows: rows.collect() }
+        let mut rows: Vec<Row> = rows.collect();
+        sum_up(&mut rows);
+        let representative_volumes = representative::of_rows(&keys.columns, &rows);
+        Self { columns: keys.columns.clone(), rows, representative_volumes }
+    }
+
+    /// The same with the number of runs of each point whose properties are still to be computed.
+    pub(crate) fn with_waiting_properties(mut self, waiting: &[u64]) -> Self {
+        if waiting.iter().any(|n| *n > 0) {
+            for (row, n) in self.rows.iter_mut().zip(waiting) {
+                row.properties.waiting = Some(*n);
+            }
+        }
+        self
     }
 
     /// Writes the table as CSV (RFC 4180, with LF line ends): one header line; text is quoted where the RFC requires
@@ -172,11 +193,14 @@ impl Table {
     /// Those of the writer.
     pub(crate) fn write_csv(&self, out: &mut dyn Write) -> io::Result<()> {
         let names = self.columns.iter().map(String::as_str).chain(Cells::NAMES.iter().copied());
-        let header: Vec<String> = names.map(quoted).collect();
+        let mut header: Vec<String> = names.map(quoted).collect();
+        // All rows have the same columns of properties.
+        header.extend(self.rows.iter().take(1).flat_map(|row| row.properties.cells()).map(|(name, _)| name));
         writeln!(out, "{}", header.join(","))?;
         for row in &self.rows {
             let mut fields: Vec<String> = row.values.iter().map(|(_, value)| field(value)).collect();
             fields.extend(row.cells.all().into_iter().map(Cell::text));
+            fields.extend(row.properties.cells().into_iter().map(|(_, cell)| cell.text()));
             writeln!(out, "{}", fields.join(","))?;
         }
         Ok(())
@@ -233,6 +257,15 @@ impl Cells {
     }
 }
 
+/// The properties of the runs that reached their packing.
+fn properties_of(runs: &[&Run]) -> RowProperties {
+    let of = |run: &&Run| {
+        let facts = run.facts.properties.clone().filter(|_| run.outcome == Outcome::Succeeded)?;
+        Some((run.facts.volume_fraction_effective, facts))
+    };
+    RowProperties { runs: runs.iter().filter_map(of).collect(), ..RowProperties::default() }
+}
+
 /// A figure of the runs that have it, in rising order.
 fn sorted(runs: &[&Run], figure: impl Fn(&Facts) -> Option<f64>) -> Vec<f64> {
     let mut values: Vec<f64> = runs.iter().filter_map(|run| figure(&run.facts)).collect();
@@ -249,14 +282,64 @@ fn median(sorted: &[f64]) -> Option<f64> {
 
 impl Serialize for Row {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut object = serializer.serialize_map(Some(self.values.len() + Cells::NAMES.len()))?;
+        let properties = self.properties.cells();
+        let length = self.values.len() + Cells::NAMES.len() + properties.len();
+        let mut object = serializer.serialize_map(Some(length))?;
         for (column, value) in &self.values {
             object.serialize_entry(column, value)?;
         }
         for (name, cell) in Cells::NAMES.iter().zip(self.cells.all()) {
             object.serialize_entry(name, &cell)?;
         }
+        for (name, cell) in &properties {
+            object.serialize_entry(name, cell)?;
+        }
         object.end()
+    }
+}
+
+/// The schema of a row: that of the figures, with the columns of properties, which may be absent.
+#[cfg(test)]
+impl utoipa::PartialSchema for Row {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
+        use utoipa::openapi::schema::{ObjectBuilder, SchemaType, Type};
+        use utoipa::openapi::{RefOr, Schema};
+
+        use super::properties::{Property, WAITING};
+
+        let mut schema = <Cells as utoipa::PartialSchema>::schema();
+        let RefOr::T(Schema::Object(object)) = &mut schema else { return schema };
+        let count = |text: &str| {
+            let count =
+                ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(0)).description(Some(text));
+            RefOr::T(Schema::from(count.build()))
+        };
+        for &property in Property::ALL {
+            let words = property.words();
+            let number = |text: String| {
+                let types = SchemaType::from_iter([Type::Number, Type::Null]);
+                RefOr::T(Schema::from(
+                    ObjectBuilder::new().schema_type(types).description(Some(text)).build(),
+                ))
+            };
+            let [mean, std, of] = property.columns();
+            object
+                .properties
+                .insert(mean, number(format!("Mean of the {words} over the successes that have it.")));
+            object
+                .properties
+                .insert(std, number(format!("Standard deviation of the {words}, of two and more.")));
+            object.properties.insert(of, count("Number of these."));
+        }
+        object.properties.insert(WAITING.into(), count("Runs whose properties are still to be computed."));
+        schema
+    }
+}
+
+#[cfg(test)]
+impl utoipa::ToSchema for Row {
+    fn name() -> std::borrow::Cow<'static, str> {
+        "StudyTableRow".into()
     }
 }
 

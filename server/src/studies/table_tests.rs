@@ -5,6 +5,7 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 use utoipa::PartialSchema as _;
 
+use super::super::properties::{Property, PropertyFacts, PropertyValue};
 use super::*;
 
 fn run(point: usize, replicate: usize, outcome: Outcome, facts: Facts) -> Run {
@@ -35,6 +36,7 @@ fn every_figure_is_what_its_definition_says() {
         events: Some(events),
         edmd_s: Some(edmd_s),
         end: None,
+        properties: None,
     };
     let not_grown = Facts {
         time_s: 4.0,
@@ -117,6 +119,55 @@ fn a_point_without_success_has_no_time_per_success() {
     assert_eq!((cells.time_s_total, cells.time_s_per_success, cells.time_s_median), (Some(3.0), None, None));
     assert_eq!((cells.success_rate, cells.success_rate_low), (Some(0.0), Some(0.0)));
     assert_eq!(table.rows.len(), 2, "the run of an eighth point adds none");
+}
+
+#[test]
+fn columns_of_properties_are_there_where_a_run_has_them_and_count_successes() {
+    let of = |value, properties: &[Property]| {
+        let value = PropertyValue { value, phase_variance: None };
+        let values = properties.iter().map(|property| (*property, value)).collect();
+        Facts { properties: Some(PropertyFacts { volume_mm3: 1000.0, values }), ..taking(1.0) }
+    };
+    let stiff = [Property::YoungsModulus];
+    let runs = [
+        run(0, 1, Outcome::Succeeded, of(32.0, &stiff)),
+        run(0, 0, Outcome::Succeeded, of(30.0, &stiff)),
+        // Another volume fraction than the one of the point.
+        run(0, 2, Outcome::Partial, of(99.0, &stiff)),
+        run(0, 3, Outcome::Succeeded, taking(1.0)),
+        run(1, 0, Outcome::Succeeded, of(2.5, &[Property::YoungsModulus, Property::Conductivity])),
+    ];
+    let table = Table::new(&two_points(), &runs, &[]).with_waiting_properties(&[1, 0]);
+    let names = ["youngs_modulus_gpa", "conductivity_w_m_k"];
+    let columns: Vec<String> = names
+        .iter()
+        .flat_map(|name| ["mean", "std", "count"].map(|figure| format!("{name}_{figure}")))
+        .chain(["properties_waiting".into()])
+        .collect();
+    let rows = serde_json::to_value(&table).unwrap()["rows"].take();
+    let cells = |row: &Value| columns.iter().map(|column| row[column].clone()).collect::<Vec<_>>();
+    let std = 2.0_f64.sqrt();
+    assert_eq!(
+        cells(&rows[0]),
+        [json!(31.0), json!(std), json!(2), json!(null), json!(null), json!(0), json!(1)]
+    );
+    assert_eq!(
+        cells(&rows[1]),
+        [json!(2.5), json!(null), json!(1), json!(2.5), json!(null), json!(1), json!(0)]
+    );
+    let csv = parsed(&table.to_csv());
+    let first = 2 + Cells::NAMES.len();
+    assert_eq!(csv[0][first..], columns);
+    assert_eq!(csv[1][first..], ["31.0", &std.to_string(), "2", "", "", "0", "1"]);
+    // All packings have one volume.
+    assert!(table.representative_volumes.is_empty());
+    // Without properties there are no such columns, unless some are awaited.
+    let none = Table::new(&two_points(), &runs[3..4], &[]);
+    assert!(!none.to_csv().contains("properties") && !none.to_csv().contains("gpa"));
+    let awaited = none.with_waiting_properties(&[2, 0]);
+    assert!(awaited.to_csv().lines().next().unwrap().ends_with(",stopped_early,properties_waiting"));
+    let schema = serde_json::to_value(Row::schema()).unwrap();
+    assert!(columns.iter().all(|column| schema["properties"][column].is_object()), "{schema:#}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! a part of a study beside other processes, `merge` makes the table of all parts, `script` writes the script that has
 //! Slurm run them. The study itself and the contents of its table are defined in `crate::studies`.
 
+mod additions;
 mod merge;
 mod report;
 mod run_log;
@@ -43,6 +44,7 @@ use crate::studies::stop::Tally;
 use crate::studies::table::Rest;
 use crate::studies::{Outcome, Run, Study, Table};
 use crate::telemetry::say;
+use additions::Additions;
 use run_log::{Folder, RunLog, RunRecord, StudyRecord};
 use script::Width;
 use shards::claims::Claims;
@@ -71,6 +73,8 @@ pub(super) struct Options {
     /// Formats in which every packing is kept below `results`; none is when absent
     #[arg(long = "format", alias = "formats", value_delimiter = ',', value_parser = format_parser())]
     formats: Vec<ResultFormat>,
+    #[command(flatten)]
+    additions: Additions,
     /// Most grains of one packing
     #[arg(long, default_value_t = Limits::default().max_grains)]
     max_grains: u64,
@@ -108,7 +112,7 @@ struct Parts {
     /// with auto, by the forecast
     #[arg(
         long, value_name = "WIDTH", num_args = 0..=1, default_missing_value = "auto",
-        conflicts_with_all = ["fresh", "resume"]
+        conflicts_with_all = ["fresh", "resume", "materials", "export"]
     )]
     slurm_script: Option<Width>,
 }
@@ -202,8 +206,11 @@ fn print_table(table: &Table, files: &[PathBuf]) -> Result<(), Failure> {
     }
 }
 
+/// Reads the study, with what the command line adds to its jobs.
 fn read_request(options: &Options) -> Result<serde_json::Value, Failure> {
-    options.input.json(&options.study)
+    let mut request = options.input.json(&options.study)?;
+    options.additions.add_to(&mut request, &options.input)?;
+    Ok(request)
 }
 
 fn limits(options: &Options) -> Limits {

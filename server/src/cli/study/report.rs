@@ -11,6 +11,8 @@ use super::super::exit::Failure;
 use super::run_log::{RunRecord, write_whole};
 use crate::plots::draw;
 use crate::plots::study::{RunCurve, StudyPlot, charts};
+use crate::studies::properties::{Property, Sample};
+use crate::studies::representative::RepresentativeVolume;
 use crate::studies::table::{Cells, Row};
 use crate::studies::{Keys, Study, Table};
 
@@ -69,7 +71,13 @@ fn tells(study: &Study, kind: StudyPlot) -> bool {
         // Every run that maximizes its distance succeeds.
         StudyPlot::Success => maximizes(false),
         StudyPlot::Distance | StudyPlot::Curve | StudyPlot::VolumeFraction => maximizes(true),
-        StudyPlot::Time | StudyPlot::EventTime => true,
+        StudyPlot::Time
+        | StudyPlot::EventTime
+        | StudyPlot::YoungsModulus
+        | StudyPlot::Expansion
+        | StudyPlot::Conductivity
+        | StudyPlot::Diffusivity
+        | StudyPlot::RepresentativeVolume => true,
     }
 }
 
@@ -128,6 +136,48 @@ const COLUMNS: [Column; 10] = [
     },
 ];
 
+/// Properties at the terminal, with the titles of their columns.
+const PROPERTIES: [(Property, &str); 4] = [
+    (Property::YoungsModulus, "E GPa"),
+    (Property::Expansion, "expansion 1/K"),
+    (Property::Conductivity, "W/(m K)"),
+    (Property::Diffusivity, "diffusivity m2/s"),
+];
+
+/// Mean and standard deviation of a property.
+fn mean_and_std(sample: Sample) -> Option<String> {
+    let mean = sample.mean?;
+    Some(match sample.std {
+        Some(std) => format!("{} \u{B1} {}", significant(mean, 4), significant(std, 2)),
+        None => significant(mean, 4),
+    })
+}
+
+/// A number with so many digits.
+fn significant(x: f64, digits: i32) -> String {
+    let exponent = if x == 0.0 { 0 } else { x.abs().log10().floor() as i32 };
+    let decimals = (digits - 1 - exponent).max(0) as usize;
+    let after_point = (digits - 1) as usize;
+    if (-4..6).contains(&exponent) { format!("{x:.decimals$}") } else { format!("{x:.after_point$e}") }
+}
+
+/// The representative volumes, a line for each that could be determined.
+fn representative_volumes(table: &Table) -> String {
+    let line = |of: &RepresentativeVolume| {
+        let values: Vec<String> =
+            of.values.iter().map(|(column, value)| format!(" {column}={}", short(value))).collect();
+        let (alpha, range, edge) = (of.alpha?, of.integral_range_mm3?, of.edge_mm?);
+        Some(format!(
+            "{}{}: one cube of {} mm has it within 1 % (alpha {alpha:.2}, A3 {} mm3)\n",
+            of.property.name(),
+            values.concat(),
+            significant(edge, 3),
+            significant(range, 3),
+        ))
+    };
+    table.representative_volumes.iter().filter_map(line).collect()
+}
+
 /// Columns that are left out where grains may touch.
 const OF_DISTANCES: [&str; 2] = ["with coating", "distance mm"];
 
@@ -153,7 +203,14 @@ pub(super) fn table(table: &Table) -> String {
         let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();
         shown.then(|| (column.title.to_owned(), texts))
     });
-    let columns: Vec<(String, Vec<String>)> = keys.chain(figures).collect();
+    let properties = PROPERTIES.iter().filter_map(|(property, title)| {
+        let texts: Vec<Option<String>> =
+            rows.iter().map(|row| mean_and_std(row.properties.sample(*property))).collect();
+        let shown = texts.iter().any(Option::is_some);
+        let texts = texts.into_iter().map(|text| text.unwrap_or_else(|| "-".into())).collect();
+        shown.then(|| ((*title).to_owned(), texts))
+    });
+    let columns: Vec<(String, Vec<String>)> = keys.chain(figures).chain(properties).collect();
     let widths: Vec<usize> = columns
         .iter()
         .map(|(title, texts)| texts.iter().chain([title]).map(|text| text.chars().count()).max().unwrap_or(0))
@@ -172,7 +229,7 @@ pub(super) fn table(table: &Table) -> String {
     if table.rows.len() > rows.len() {
         let _ = writeln!(out, "and {} rows more in table.csv", table.rows.len() - rows.len());
     }
-    out
+    out + &representative_volumes(table)
 }
 
 /// A value of a column in short: `rsa attempts_per_grain=1000` for that method.

@@ -19,7 +19,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
-use packstone_engine::export::{ExportError, Model, Provenance};
+use packstone_engine::export::{ExportError, ExportReport, Model, Provenance};
 use packstone_engine::{
     Checkpoint, Control, Finish, Grains, Limits, PackError, Phase, Progress, TemplateCache,
 };
@@ -37,7 +37,7 @@ use crate::formats::ResultFormat;
 use crate::hex;
 use crate::jobs::JobRequest;
 use crate::studies::stop::Tally;
-use crate::studies::{Facts, Outcome, Study};
+use crate::studies::{Facts, Outcome, PropertyFacts, Study};
 
 /// The attempt in the names of checkpoints without shards; there is only one.
 const ATTEMPT: i64 = 1;
@@ -309,7 +309,7 @@ impl WorkerPool<'_> {
             packstone_engine::pack_or_resume(&request, &limits, &self.templates, resume, &control)
         }));
         let time_s = start.elapsed().as_secs_f64();
-        let (outcome, facts, fault) = match &packed {
+        let (outcome, mut facts, fault) = match &packed {
             Ok(Ok(packing)) => {
                 let facts = Facts::of_packing(&packing.report);
                 (facts.outcome_of_packing(), facts, None)
@@ -332,7 +332,7 @@ impl WorkerPool<'_> {
             }
         };
         let (mut distance_curve, mut unmade) = (Vec::new(), None);
-        let mut digest = digest_of(outcome, &facts)?;
+        let mut digest = None;
         if let Ok(Ok(packing)) = packed {
             if replicate == 0 {
                 distance_curve = packing.report.distance_curve();
@@ -343,7 +343,6 @@ impl WorkerPool<'_> {
                 engine: EngineInfo::current(),
                 report: packing.report,
             };
-            tables::write(Format::Npy, &head, &packing.grains, &mut digest)?;
             // What several processes may write is complete before it has its name.
             let staging = match self.claims {
                 Some(claims) => Some(claims.staging(point, replicate, attempt)?),
@@ -351,23 +350,27 @@ impl WorkerPool<'_> {
             };
             let folder = staging.as_deref().unwrap_or(&self.results);
             match self.export(&id, folder, &job, &head, &packing.grains, &control) {
-                Ok(()) => {}
+                Ok(reports) => facts.properties = PropertyFacts::of_reports(reports),
                 Err(ExportError::Stopped) => return Ok(None),
                 Err(ExportError::Write(error)) => return Err(named(folder, &error)),
                 Err(error) => unmade = Some(exports::explained(error)),
             }
+            let mut of_grains = digest_of(outcome, &facts)?;
+            tables::write(Format::Npy, &head, &packing.grains, &mut of_grains)?;
+            digest = Some(of_grains);
             self.keep(&id, folder, &head, &packing.grains)?;
             if let Some(staging) = &staging {
                 publish(staging, &self.results)?;
             }
         }
         self.checkpoints.remove(&id, attempt);
+        let digest = digest.map_or_else(|| digest_of(outcome, &facts), Ok)?;
         let digest = (outcome != Outcome::Void).then(|| hex::encode(&digest.finalize()));
         let record = RunRecord { point, replicate, seed: job.seed, outcome, facts, digest, distance_curve };
         Ok(Some(Ended { record, fault: fault.or(unmade), is_last: false }))
     }
 
-    /// Makes the exports that the job requests.
+    /// Makes the exports that the job requests, and returns their reports.
     fn export(
         &self,
         id: &str,
@@ -376,7 +379,7 @@ impl WorkerPool<'_> {
         head: &Head,
         grains: &Grains,
         control: &Watch<'_>,
-    ) -> Result<(), ExportError> {
+    ) -> Result<Vec<ExportReport>, ExportError> {
         let items = job.postprocess.items();
         if !items.is_empty() {
             make_folder(folder)?;
@@ -390,11 +393,11 @@ impl WorkerPool<'_> {
             .with_provenance(&provenance)
             .with_materials(job.materials.as_ref())
             .with_mesher(&crate::gmsh::Installed);
-        for (_, export) in items {
+        let made = items.into_iter().map(|(_, export)| {
             let file = folder.join(names.of_export(export));
-            exports::write(export, &model, &self.limits, None, &control, &file)?;
-        }
-        Ok(())
+            exports::write(export, &model, &self.limits, None, &control, &file)
+        });
+        made.collect()
     }
 
     /// Writes a packing in the requested formats.

@@ -28,8 +28,9 @@ parameters! {
     /// What a plot of a study shows, and how.
     #[derive(Debug)]
     pub(crate) struct StudyPlotParameters {
-        /// The abscissa: a column of the table that has numbers only, or `grains`. When absent the first such pointer,
-        /// or `grains` where there is none and for `volume_fraction` and `event_time`. `curve` has none but the time.
+        /// The abscissa: a column of the table that has numbers only, `grains`, or `volume_fraction_effective`. When
+        /// absent the first such pointer, or `grains` where there is none and for `volume_fraction` and `event_time`;
+        /// for properties the volume fraction, if it varies. `curve` and `representative_volume` have their own.
         x: Option<Abscissa>,
         /// Whether the abscissa is logarithmic; decided by its values when absent.
         log_x: Option<bool>,
@@ -62,8 +63,10 @@ impl Value for Abscissa {
 /// An SVG for print, 160 mm wide: a figure of the table against one of its columns, one series for each combination of
 /// the other columns that vary. `success`: success rate with its 95 % interval; `time`: time of all runs per success;
 /// `distance`: distance reached; `curve`: distance against packing time, for the first replicate of each point;
-/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event. A plot for which no
-/// run has data is refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
+/// `volume_fraction`: volume fraction with the coating; `event_time`: time of the growth per event; `youngs_modulus`,
+/// `expansion`, `conductivity`, `diffusivity`: an effective property, mean and standard deviation with each packing;
+/// `representative_volume`: scatter of a property against the edge of the specimen. A plot for which no run has data is
+/// refused with the reason: `result-not-ready` while runs are waiting, else `format-not-available`.
 #[cfg_attr(test, utoipa::path(
     get, path = "/v1/studies/{id}/plots/{kind}", tag = "studies", operation_id = "get_study_plot",
     params(

@@ -4,6 +4,7 @@
 use super::super::checked::{MOST_WRONG_RESULTS, Refused, count_wrong, wrong_results_of};
 use super::super::db::{Durability, Row, Transaction, query};
 use super::super::leases::{Claim as LeaseClaim, Held, Renewal};
+use super::super::studies::properties;
 use super::super::submit::to_json;
 use super::super::{Store, StoreError, micros, rows};
 use super::claims::{self, Claim, ClaimedExport, ExportQueue, Maker};
@@ -259,8 +260,12 @@ async fn try_again(
     .bind(to_json(failure)?)
     .bind(of.seq)
     .bind(of.attempt)
-    .fetch_optional(tx)
+    .fetch_optional(&mut *tx)
     .await?
     .ok_or(StoreError::LeaseLost)?;
-    Ok(row.text("state")? == "failed")
+    let has_failed = row.text("state")? == "failed";
+    if has_failed {
+        properties::record(tx, of.seq, store.now_us()).await?;
+    }
+    Ok(has_failed)
 }

@@ -1,6 +1,7 @@
 //! Requesting and deleting exports.
 
 use super::super::db::{Transaction, query};
+use super::super::studies::properties::touch_study_of;
 use super::super::submit::to_json;
 use super::super::writer::Writing;
 use super::super::{Store, StoreError};
@@ -102,6 +103,7 @@ impl Store {
             if kept {
                 touch_job(&mut tx, row.try_get("job")?, store.now_us()).await?;
             }
+            touch_study_of(&mut tx, row.try_get("job")?, store.now_us()).await?;
             let path = row.try_get("path")?;
             tx.commit().await?;
             drop(writer);
@@ -203,8 +205,9 @@ async fn update(
         )
         .bind(known.seq)
         .bind(MAX_ATTEMPTS)
-        .execute(tx)
+        .execute(&mut *tx)
         .await?;
+        touch_study_of(tx, known.job_seq, now).await?;
     }
     Ok(())
 }

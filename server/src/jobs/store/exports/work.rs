@@ -2,12 +2,13 @@
 
 use super::super::db::{Durability, Transaction, query};
 use super::super::leased::{Kind, LeasedTask, take_back};
+use super::super::studies::properties;
 use super::super::submit::to_json;
 use super::super::{Store, StoreError};
 use super::export_id;
 use crate::exports::{ExportLease, ExportState, StoredFile};
 use crate::failure::{Failure, FailureCode};
-use crate::ids::ExportId;
+use crate::ids::{ExportId, StudyId};
 use crate::jobs::JobProgress;
 
 /// Most starts of an export during which the server stopped, as the table has it by default.
@@ -39,6 +40,15 @@ impl Store {
             let mut tx = writer.begin().await?;
             let moved =
                 take_back(&store, Kind::Export, &exhausted, (leases_until, at_start), &mut tx).await?;
+            for row in &moved {
+                let failed = query("select seq from exports where id = ? and state = 'failed'")
+                    .bind(row.text("id")?)
+                    .fetch_optional(&mut tx)
+                    .await?;
+                if let Some(failed) = failed {
+                    properties::record(&mut tx, failed.try_get("seq")?, store.now_us()).await?;
+                }
+            }
             tx.commit().await?;
             drop(writer);
             for row in &moved {
@@ -100,10 +110,11 @@ impl Store {
         let id = of.id;
         let made = Made { seq: of.seq, attempt: of.attempt, file, report };
         self.detached(async move {
-            store
+            let study = store
                 .write(Durability::PowerCut, made, |store, made, tx| Box::pin(made.record(store, tx)))
                 .await?;
             store.notify_export(id);
+            study.into_iter().for_each(|study| store.notify_study(study));
             Ok(())
         })
         .await
@@ -138,14 +149,18 @@ impl Store {
         error: Option<String>,
     ) -> Result<(), StoreError> {
         let (store, of) = (self.clone(), of.into());
-        let (task, id) = (LeasedTask::from(of), of.id);
+        let id = of.id;
         self.detached(async move {
-            store
-                .write(Durability::PowerCut, (task, to, error), |store, (task, to, error), tx| {
-                    Box::pin(task.leave(store, to.name(), error.as_deref(), tx))
+            let study = store
+                .write(Durability::PowerCut, (of, to, error), |store, (of, to, error), tx| {
+                    Box::pin(async move {
+                        LeasedTask::from(*of).leave(store, to.name(), error.as_deref(), tx).await?;
+                        properties::record(tx, of.seq, store.now_us()).await
+                    })
                 })
                 .await?;
             store.notify_export(id);
+            study.into_iter().for_each(|study| store.notify_study(study));
             Ok(())
         })
         .await
@@ -222,7 +237,8 @@ struct Made {
 }
 
 impl Made {
-    async fn record(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<(), StoreError> {
+    /// Records it; the study whose run has its properties by it.
+    async fn record(&self, store: &Store, tx: &mut Transaction<'_>) -> Result<Option<StudyId>, StoreError> {
         let Self { seq, attempt, file, report } = self;
         let moved = query(
             "update exports set state = 'succeeded', path = ?1, bytes = ?2, sha256 = ?3, report = ?4, error = null,
@@ -240,7 +256,7 @@ impl Made {
         .execute(&mut *tx)
         .await?;
         if moved.rows_affected() > 0 {
-            return Ok(());
+            return properties::record(tx, *seq, store.now_us()).await;
         }
         // The same file may be recorded already, as when the connection to the database went between a commit and its
         // answer. A caller that heard of a lost lease would remove the file that is recorded.
@@ -250,7 +266,7 @@ impl Made {
             .bind(&file.sha256)
             .fetch_optional(tx)
             .await?
-            .map(drop)
+            .map(|_| None)
             .ok_or(StoreError::LeaseLost)
     }
 }

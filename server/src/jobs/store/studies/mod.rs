@@ -7,6 +7,7 @@
 mod actions;
 #[cfg(test)]
 mod actions_tests;
+pub(super) mod properties;
 mod query;
 pub(super) mod runs;
 mod submit;

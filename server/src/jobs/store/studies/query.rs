@@ -8,7 +8,7 @@ use super::super::bodies::composed_body;
 use super::super::db::{QueryBuilder, Row, Transaction, query};
 use super::super::rows::DamagedRow;
 use super::super::{Store, StoreError, rows};
-use super::{StudyRecord, StudyState, StudyWarning, runs};
+use super::{StudyRecord, StudyState, StudyWarning, properties, runs};
 use crate::ids::StudyId;
 use crate::studies::table::Rest;
 use crate::studies::{Keys, Run, Table};
@@ -134,6 +134,7 @@ impl Store {
                 .bind(study.seq)
                 .fetch_all(&mut tx)
                 .await?;
+        let waiting = properties::waiting(&mut tx, study.seq, points.len()).await?;
         tx.commit().await?;
         let key_columns = study.key_columns.clone();
         let replicates = u64::from(study.replicates);
@@ -153,7 +154,7 @@ impl Store {
                 let stopped_early = row.try_get::<i64>("stopped_early")? as u64;
                 rest.push(Rest { waiting: replicates.saturating_sub(ended + stopped_early), stopped_early });
             }
-            Ok::<_, StoreError>(Table::new(&keys, &runs, &rest))
+            Ok::<_, StoreError>(Table::new(&keys, &runs, &rest).with_waiting_properties(&waiting))
         });
         table.await?
     }
