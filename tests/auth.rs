@@ -234,6 +234,10 @@ async fn a_misspelled_switch_does_not_switch_on() {
     let log = server.log_at_end().await;
     assert!(log.contains("PACKSTONE_API_KEY_FILE") && !log.contains("_PORT"), "{log}");
     assert!(log.contains("the service asks for no keys"), "{log}");
+    for faulty in ["--blobs=", "--data-dir=", "--max-downloads=0", "--max-connections=0"] {
+        let refused = run(Launch::new(&data_dir).args(&[faulty]).into_command()).await;
+        assert_eq!(refused.code, Some(2), "{faulty}: {refused:?}");
+    }
     let refused = run(Launch::new(&data_dir).env("PACKSTONE_ALLOWED_HOST", "a,,b").into_command()).await;
     assert_eq!(refused.code, Some(2), "{refused:?}");
 }

@@ -30,6 +30,8 @@ const REQUEST_MEMORY_SHARE: f64 = 1.0 / 16.0;
 const REQUEST_MEMORY_BYTES: u64 = 72 << 20;
 /// Files of workers taken in at once: each holds a thread that writes to the disk.
 pub(crate) const MAX_UPLOADS: usize = 64;
+/// Most connections, or results being sent, that may be set.
+const MOST_AT_ONCE: usize = 1_000_000;
 /// Threads for readings of the disk that take a moment.
 const OTHER_BLOCKING_THREADS: usize = 64;
 /// Bytes that files made of results may hold, as long as nobody has asked for them to be kept.
@@ -152,7 +154,7 @@ pub(crate) struct ServeOptions {
     #[arg(long, env = "PACKSTONE_REQUEST_MEMORY_BYTES")]
     pub(crate) request_memory_bytes: Option<u64>,
     /// Most open connections
-    #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024)]
+    #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS", default_value_t = 1024, value_parser = number)]
     pub(crate) max_connections: usize,
     /// Most open connections of one client address [default: half of --max-connections; all of them with --trust-proxy]
     #[arg(long, env = "PACKSTONE_MAX_CONNECTIONS_PER_CLIENT")]
@@ -160,8 +162,8 @@ pub(crate) struct ServeOptions {
     /// Seconds after which a connection is closed whose client takes less than 64 KiB of an answer in that time
     #[arg(long, hide = true, default_value_t = 60.0, value_parser = seconds)]
     pub(crate) stalled_reader_s: f64,
-    /// Most results being sent at once
-    #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64)]
+    /// Most results being sent at once; one client address may have half of them
+    #[arg(long, env = "PACKSTONE_MAX_DOWNLOADS", default_value_t = 64, value_parser = number)]
     pub(crate) max_downloads: usize,
     /// Free space of the data directory's file system, in bytes, below which nothing is accepted [default: 1 GiB, at
     /// most 5 % of the file system]
@@ -412,6 +414,14 @@ fn lease(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A number of connections or downloads at once.
+fn number(text: &str) -> Result<usize, String> {
+    match text.parse::<usize>() {
+        Ok(number) if (1..=MOST_AT_ONCE).contains(&number) => Ok(number),
+        _ => Err(format!("must be a whole number from 1 to {MOST_AT_ONCE}")),
+    }
+}
+
 fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
@@ -472,6 +482,10 @@ mod tests {
         assert_eq!((days("0.5"), run_seconds("0.5")), (Ok(0.5), Ok(0.5)));
         for bad in ["0", "-1", "NaN", "inf", "soon", "1e9"] {
             assert!(days(bad).is_err() && run_seconds(bad).is_err(), "{bad}");
+        }
+        assert_eq!(number("1"), Ok(1));
+        for bad in ["0", "-1", "", "1.5", "18446744073709551615"] {
+            assert!(number(bad).is_err(), "{bad}");
         }
         assert_eq!(seconds("0.5"), Ok(0.5));
         for bad in ["0", "-1", "NaN", "inf", "soon", "100000"] {

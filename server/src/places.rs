@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::artifacts::Artifacts;
 use crate::blobs::owner::{self, Owner, OwnerError};
-use crate::blobs::{Blobs, Files, Watched};
+use crate::blobs::{Blobs, Files, RESULTS, Watched};
 use crate::config::ServeOptions;
 use crate::disk::Elsewhere;
 use crate::jobs::store::Database;
@@ -71,9 +71,8 @@ pub(crate) async fn open(
 
 /// The place of files in the data directory.
 fn in_data_dir(options: &ServeOptions) -> Result<Files, StartError> {
-    Artifacts::make_folder(&options.data_dir)
-        .map_err(|error| StartError::DataDir(options.data_dir.clone(), error))?;
-    Ok(Files::alone(options.data_dir.clone()))
+    let files = Files::alone(options.data_dir.clone()).keeping(RESULTS);
+    files.map_err(|error| StartError::DataDir(options.data_dir.clone(), error))
 }
 
 /// Whether a data directory has neither results nor checkpoints.

@@ -17,7 +17,7 @@ use tokio_util::sync::CancellationToken;
 use crate::accounts::{Accounts, KeysError, KeysFile};
 use crate::audit::AuditLog;
 use crate::blobs::owner::{Owner, OwnerError};
-use crate::blobs::{OpenError, Place};
+use crate::blobs::{OpenError, Place, RESULTS};
 use crate::checkpoints::Checkpoints;
 use crate::config::ServeOptions;
 use crate::descriptors::{self, TooFew};
@@ -405,9 +405,14 @@ async fn watch_store(store: Store, folders: OpenFiles, shutdown: CancellationTok
     }
 }
 
-/// The data directory and its lock. The place of files is watched by its mark (see [`places`]).
-fn folders_of(options: &ServeOptions) -> [PathBuf; 2] {
-    [options.data_dir.clone(), options.data_dir.join("lock")]
+/// The data directory with its lock and its folders. A place of files besides is watched by its mark (see [`places`]).
+fn folders_of(options: &ServeOptions) -> Vec<PathBuf> {
+    let data_dir = &options.data_dir;
+    let mut folders = vec![data_dir.clone(), data_dir.join("lock"), data_dir.join("checkpoints")];
+    if options.blobs.is_none() {
+        folders.push(data_dir.join(RESULTS));
+    }
+    folders
 }
 
 /// Starts jobs that wait for room as soon as there is some, and takes the reserve of disk space again after a deletion

@@ -35,6 +35,9 @@ pub(crate) struct Files {
     /// The device and the number of the folder at the start, where no other process uses it: another one may get its
     /// name.
     identity: Option<(u64, u64)>,
+    /// A folder that stays as long as this is used, and the same of it. The device of a shared folder changes where its
+    /// file system is mounted again.
+    kept: Option<(&'static str, (u64, u64))>,
     shared: bool,
     /// Listings tell when files were written.
     dated: bool,
@@ -45,7 +48,7 @@ pub(crate) struct Files {
 impl Files {
     /// A folder of this process alone.
     pub(crate) fn alone(root: PathBuf) -> Self {
-        Self { identity: identity(&root), root, shared: false, dated: false, durable: true }
+        Self { identity: identity(&root), root, kept: None, shared: false, dated: false, durable: true }
     }
 
     /// A folder that is looked at, whoever uses it.
@@ -64,11 +67,27 @@ impl Files {
     /// Those of the file system; it must make folders and take files, hard links among them.
     pub(crate) fn shared(root: PathBuf) -> io::Result<Self> {
         fs::create_dir_all(&root)?;
-        let files = Self { root, identity: None, shared: true, dated: true, durable: true };
+        let files = Self { root, identity: None, kept: None, shared: true, dated: true, durable: true };
         let name = format!("trial.{}", Uuid::now_v7().simple());
         files.publish(files.stage(&name)?, &name, &|| false)?;
         files.remove(&[name])?;
         Ok(files)
+    }
+
+    /// Makes a folder that stays from now on: without it, or with another one in its place, what is in it is out of
+    /// reach, and not missing.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub(crate) fn keeping(self, folder: &'static str) -> io::Result<Self> {
+        let path = self.locate(folder);
+        fs::create_dir_all(&path)?;
+        let kept = self.identity_of(&path).map(|identity| (folder, identity));
+        Ok(Self { kept, ..self })
+    }
+
+    fn identity_of(&self, folder: &Path) -> Option<(u64, u64)> {
+        identity(folder).map(|(device, number)| (if self.shared { 0 } else { device }, number))
     }
 
     fn locate(&self, name: &str) -> PathBuf {
@@ -83,6 +102,9 @@ impl Files {
     /// Makes the folder of a file, durably where files are.
     fn make_folder(&self, file: &Path) -> io::Result<()> {
         let Some(folder) = file.parent().filter(|folder| !folder.is_dir()) else { return Ok(()) };
+        if self.is_kept(file) {
+            self.check_kept()?;
+        }
         fs::create_dir_all(folder)?;
         let mut made = folder;
         while let Some(above) = made.parent().filter(|above| above.starts_with(&self.root)) {
@@ -95,11 +117,22 @@ impl Files {
     /// Makes sure that the folder of that name is still the one of the start. A file that was published before is in it
     /// then, and moves with it from now on.
     fn check_identity(&self) -> io::Result<()> {
-        if self.identity.is_none() || identity(&self.root) == self.identity {
-            return Ok(());
+        if self.identity.is_some() && identity(&self.root) != self.identity {
+            return Err(moved(&self.root));
         }
-        let what = format!("{} was moved or replaced while it was in use", self.root.display());
-        Err(io::Error::new(io::ErrorKind::TimedOut, what))
+        self.check_kept()
+    }
+
+    /// The same of the folder that stays.
+    fn check_kept(&self) -> io::Result<()> {
+        let Some((folder, known)) = self.kept else { return Ok(()) };
+        let path = self.locate(folder);
+        if self.identity_of(&path) == Some(known) { Ok(()) } else { Err(moved(&path)) }
+    }
+
+    /// Whether it is the folder that stays, or in it.
+    fn is_kept(&self, path: &Path) -> bool {
+        self.kept.is_some_and(|(folder, _)| path.starts_with(self.locate(folder)))
     }
 
     /// Does something in the folder of a file, which is made where it is missing, and may be removed at any moment
@@ -122,7 +155,12 @@ impl Files {
         loop {
             match open_regular(&path) {
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                    let Some(pause) = looks.next() else { return Err(error) };
+                    let Some(pause) = looks.next() else {
+                        if self.is_kept(&path) {
+                            self.check_kept()?;
+                        }
+                        return Err(error);
+                    };
                     sleep(*pause);
                     if let Some(folder) = path.parent()
                         && let Ok(entries) = fs::read_dir(folder)
@@ -253,6 +291,7 @@ impl Blobs for Files {
     fn rename(&self, from: &str, to: &str) -> io::Result<bool> {
         let (from, to) = (self.locate(from), self.locate(to));
         if !from.try_exists()? {
+            self.check_kept()?;
             return Ok(false);
         }
         match self.in_folder_of(&to, || fs::rename(&from, &to)) {
@@ -264,6 +303,9 @@ impl Blobs for Files {
 
     fn list(&self, folder: &str) -> io::Result<Vec<Listed>> {
         let mut found = Vec::new();
+        if self.is_kept(&self.locate(folder)) {
+            self.check_kept()?;
+        }
         self.list_below(&self.locate(folder), folder, &mut found)?;
         Ok(found)
     }
@@ -291,6 +333,10 @@ impl Blobs for Files {
         self.locate(name).display().to_string()
     }
 
+    fn check(&self) -> io::Result<()> {
+        self.check_kept()
+    }
+
     fn space(&self) -> io::Result<Option<Space>> {
         Space::of(&self.root).map(Some)
     }
@@ -301,8 +347,14 @@ fn identity(folder: &Path) -> Option<(u64, u64)> {
     fs::metadata(folder).ok().map(|found| (found.dev(), found.ino()))
 }
 
+/// The error of a folder that is not the one that was opened; it may be put back.
+fn moved(folder: &Path) -> io::Error {
+    let what = format!("{} was moved, removed or replaced while it was in use", folder.display());
+    io::Error::new(io::ErrorKind::TimedOut, what)
+}
+
 /// Opens a file that holds bytes: a pipe in its place would be waited for without end.
-fn open_regular(path: &Path) -> io::Result<File> {
+pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
     let flags = i32::try_from(OFlags::NONBLOCK.bits()).unwrap_or_default();
     let file = File::options().read(true).custom_flags(flags).open(path)?;
     if !file.metadata()?.is_file() {

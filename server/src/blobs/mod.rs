@@ -22,13 +22,15 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
-pub(crate) use files::Files;
+pub(crate) use files::{Files, open_regular};
 pub(crate) use objects::Objects;
 pub(crate) use place::{OpenError, Place};
 pub(crate) use watched::Watched;
 
 use crate::disk::Space;
 
+/// Name of the folder of results and exports.
+pub(crate) const RESULTS: &str = "artifacts";
 /// What the name of a blob that is being written ends with.
 pub(crate) const PARTIAL: &str = crate::atomic_file::PARTIAL;
 
@@ -125,6 +127,14 @@ pub(crate) trait Blobs: fmt::Debug + Send + Sync {
     /// Those of the storage.
     fn space(&self) -> io::Result<Option<Space>> {
         Ok(None)
+    }
+
+    /// Makes sure that no folder of it was moved away.
+    ///
+    /// # Errors
+    /// One was, or those of the storage.
+    fn check(&self) -> io::Result<()> {
+        Ok(())
     }
 
     /// Looks whether the storage answers and is still the same, where that may change.

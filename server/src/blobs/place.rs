@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::{Blobs, Files};
+use super::{Blobs, Files, RESULTS};
 use crate::disk::{Disk, Shortage};
 
 /// Name of the folder in the data directory for files that are on their way to a bucket, and copies of its objects.
@@ -39,6 +39,9 @@ impl Place {
     /// # Errors
     /// What is wrong with it, in one sentence.
     pub(crate) fn read(text: &str) -> Result<Self, String> {
+        if text.is_empty() {
+            return Err("must be a folder, or s3://BUCKET/PREFIX".into());
+        }
         let Some((scheme, rest)) = text.split_once("://") else { return Ok(Self::Folder(text.into())) };
         if scheme != "s3" {
             return Err("must be a folder, or s3://BUCKET/PREFIX".into());
@@ -74,7 +77,7 @@ impl Place {
 
     fn try_open(&self, data_dir: &Path, min_free_bytes: Option<u64>) -> io::Result<Arc<dyn Blobs>> {
         match self {
-            Self::Folder(folder) => Ok(Arc::new(Files::shared(folder.clone())?)),
+            Self::Folder(folder) => Ok(Arc::new(Files::shared(folder.clone())?.keeping(RESULTS)?)),
             Self::S3 { bucket, prefix } => {
                 let disk = Disk::new(data_dir.to_owned(), min_free_bytes, Shortage::default());
                 Ok(Arc::new(super::Objects::s3(bucket, prefix, data_dir.join(SCRATCH), disk)?))
@@ -112,6 +115,7 @@ mod tests {
     fn a_place_is_a_folder_or_a_bucket() {
         assert_eq!(Place::read("/srv/blobs"), Ok(Place::Folder("/srv/blobs".into())));
         for bad in [
+            "",
             "http://host/bucket",
             "s3://",
             "s3:///prefix",

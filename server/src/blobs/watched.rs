@@ -133,7 +133,11 @@ impl Watched {
     fn look_at_mark(&self) -> Option<String> {
         let begun = Instant::now();
         let place = self.inner.shown("").trim_end_matches('/').to_owned();
-        let seen = self.run(LOOK, &|| false, |blobs, _| Ok((owner::read(blobs)?, blobs.space()?)));
+        let seen = self.run(LOOK, &|| false, |blobs, _| {
+            let owner = owner::read(blobs)?;
+            blobs.check()?;
+            Ok((owner, blobs.space()?))
+        });
         match seen {
             Ok((theirs, space)) if theirs.database == self.owner.database => {
                 self.space.set(space);
@@ -242,6 +246,10 @@ impl Blobs for Watched {
         self.call(CALL, |blobs| blobs.now())
     }
 
+    fn check(&self) -> io::Result<()> {
+        self.call(CALL, |blobs| blobs.check())
+    }
+
     fn shown(&self, name: &str) -> String {
         self.inner.shown(name)
     }
@@ -344,7 +352,7 @@ impl Threads {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use super::super::Files;
+    use super::super::{Files, RESULTS};
     use super::*;
 
     fn watched(folder: &std::path::Path) -> Watched {
@@ -437,6 +445,51 @@ mod tests {
         assert_eq!(watched.trouble(), None);
         assert_eq!(watched.fetch("x").unwrap_err().kind(), io::ErrorKind::NotFound);
         assert!(watched.threads.state().threads <= MOST_THREADS);
+    }
+
+    #[test]
+    fn a_folder_of_results_that_is_moved_is_told_and_not_made_again() {
+        let parent = tempfile::tempdir().unwrap();
+        let root = parent.path();
+        let owner = Owner { database: "first".into(), store: "here".into() };
+        let files = || Files::shared(root.to_owned()).unwrap().keeping(RESULTS).unwrap();
+        owner::claim(&files(), &owner).unwrap();
+        let watched = Watched::new(Arc::new(files()), owner, Elsewhere::default());
+        let alone = Files::alone(root.to_owned()).keeping(RESULTS).unwrap();
+        let name = "artifacts/ab/x";
+        alone.publish(alone.stage(name).unwrap(), name, &|| false).unwrap();
+        watched.look();
+        assert_eq!(watched.trouble(), None);
+        let (results, away) = (root.join(RESULTS), root.join("away"));
+        for is_replaced in [false, true] {
+            std::fs::rename(&results, &away).unwrap();
+            if is_replaced {
+                std::fs::create_dir_all(results.join("ab")).unwrap();
+            }
+            // Neither is missing.
+            for error in [
+                alone.fetch(name).unwrap_err(),
+                alone.open(name).unwrap_err(),
+                alone.list(RESULTS).unwrap_err(),
+                alone.remove(&[name.to_owned()]).unwrap_err(),
+                alone.rename(name, "quarantine/x").unwrap_err(),
+            ] {
+                assert!(is_passing(&error) && error.to_string().contains("artifacts was moved"), "{error}");
+            }
+            if !is_replaced {
+                assert!(is_passing(&alone.stage("artifacts/cd/y").unwrap_err()));
+                assert!(!results.exists(), "nothing is made in its place");
+            }
+            watched.look();
+            assert!(watched.trouble().unwrap().contains("artifacts was moved"), "{:?}", watched.trouble());
+            if is_replaced {
+                std::fs::remove_dir_all(&results).unwrap();
+            }
+            std::fs::rename(&away, &results).unwrap();
+            alone.fetch(name).unwrap();
+            watched.look();
+            assert_eq!(watched.trouble(), None);
+        }
     }
 
     #[test]

@@ -7,6 +7,7 @@
 mod file;
 mod table;
 
+use std::io::{self, Read as _};
 use std::path::PathBuf;
 
 use axum::Router;
@@ -15,6 +16,7 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use axum::routing::get;
 
+use crate::blobs::open_regular;
 use crate::http::app::App;
 use crate::http::problems::of_fault;
 use crate::jobs::store::Fault;
@@ -26,6 +28,9 @@ use table::PAGES;
 
 /// The route of style sheets, scripts and pictures.
 const ASSETS: &str = "/assets/{*name}";
+
+/// Longest file of a folder that is read.
+const MOST_BYTES: u64 = 16 << 20;
 
 /// Where the files come from.
 #[derive(Debug)]
@@ -57,10 +62,10 @@ impl Web {
                 let (known, _) = FILES.iter().find(|(known, _)| *known == name).ok_or_else(missing)?;
                 let path = folder.join(known);
                 // Compressed there, too.
-                let read = tasks::blocking(move || Ok(WebFile::new(known, std::fs::read(path)?))).await;
-                match read.unwrap_or_else(|error| Err(std::io::Error::other(error))) {
+                let read = tasks::blocking(move || Ok(WebFile::new(known, read(&path)?))).await;
+                match read.unwrap_or_else(|error| Err(io::Error::other(error))) {
                     Ok(file) => Ok(file.answer(headers)),
-                    Err(error) if error.kind() == std::io::ErrorKind::NotFound => Err(missing()),
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => Err(missing()),
                     Err(error) => {
                         tracing::error!(%error, name, "a file of --web-dir cannot be read");
                         Err(of_fault(Fault::Io))
@@ -69,6 +74,17 @@ impl Web {
             }
         }
     }
+}
+
+/// Reads a regular file of bounded length.
+fn read(path: &std::path::Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open_regular(path)?.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        let what = format!("{} has more than {MOST_BYTES} bytes", path.display());
+        return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+    }
+    Ok(bytes)
 }
 
 /// Whether a route is one of the pages or of what they use.
@@ -102,5 +118,28 @@ async fn answer(app: App, name: &str, headers: HeaderMap) -> Result<Response, Pr
     match &app.shared.web {
         Some(web) => web.answer(name, &headers).await,
         None => Err(Problem::new(Kind::NotFound, "there is no such route")),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+
+    #[test]
+    fn only_regular_files_of_bounded_length_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("index.html");
+        std::fs::write(&file, "page").unwrap();
+        assert_eq!(read(&file).unwrap(), b"page");
+        let pipe = folder.path().join("pipe");
+        rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+        for other in [&pipe, Path::new("/dev/zero"), folder.path()] {
+            read(other).unwrap_err();
+        }
+        std::fs::File::options().write(true).open(&file).unwrap().set_len(MOST_BYTES + 1).unwrap();
+        assert!(read(&file).unwrap_err().to_string().contains("more than"));
     }
 }
