@@ -24,7 +24,10 @@ create table packstone (
     schema     bigint           not null,
     -- Version of Packstone that made the tables.
     version    text collate "C" not null,
-    created_at bigint           not null
+    created_at bigint           not null,
+    -- Of SQLite alone.
+    run        text collate "C" not null default '',
+    commits    bigint           not null default 0
 );
 
 -- Studies: many jobs from one request.

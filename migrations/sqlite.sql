@@ -19,7 +19,13 @@ create table packstone (
     schema     integer not null,
     -- Version of Packstone that made the tables.
     version    text    not null,
-    created_at integer not null
+    created_at integer not null,
+    -- The run of the service that has the file open: random, made at its start, empty in a backup. What overwrites the
+    -- file while it is open has another one.
+    run        text    not null default '',
+    -- Counts the transactions that have written. A file that is rolled back to an earlier state has a smaller number
+    -- than the service has committed.
+    commits    integer not null default 0
 ) strict, without rowid;
 
 -- Studies: many jobs from one request.

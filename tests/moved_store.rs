@@ -4,10 +4,13 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 use crate::harness::deadline::{eventually, patiently, within};
-use crate::harness::{Client, DataDir, Launch, Postgres, Server, holds_every_store, id_of, jobs};
+use crate::harness::{
+    Client, DataDir, Launch, Postgres, Server, holds_every_store, id_of, jobs, packstone, run,
+};
 
 /// A fault by its name, the file that it concerns, and what makes it in a data directory.
 type Fault = (&'static str, &'static str, fn(&Path));
@@ -81,6 +84,46 @@ async fn a_store_that_is_moved_removed_or_replaced_accepts_and_answers_nothing()
     }
 }
 
+/// Overwrites the bytes of the database, as `cp` does, or through the interface of SQLite, as `.restore` does.
+async fn overwrite(database: &Path, backup: &Path, through_sqlite: bool) {
+    if !through_sqlite {
+        fs::write(database, fs::read(backup).unwrap()).unwrap();
+        return;
+    }
+    let script = "import sqlite3, sys; sqlite3.connect(sys.argv[1]).backup(sqlite3.connect(sys.argv[2]))";
+    let python = std::env::var_os("PACKSTONE_PYTHON").unwrap_or_else(|| "python3".into());
+    let mut command = Command::new(python);
+    command.args(["-c", script]).args([backup, database]);
+    let restored = run(command).await;
+    assert_eq!(restored.code, Some(0), "{restored:?}");
+}
+
+#[tokio::test]
+async fn a_database_that_is_overwritten_in_place_accepts_and_answers_nothing() {
+    if holds_every_store() {
+        return;
+    }
+    for (of_this_run, through_sqlite) in [(false, false), (false, true), (true, false), (true, true)] {
+        let data_dir = DataDir::new();
+        let backup = data_dir.path().with_extension("backup");
+        let paths = [backup.to_str().unwrap(), "--data-dir", data_dir.path().to_str().unwrap()];
+        let server = Server::start(&data_dir).await;
+        server.client().succeed(&jobs::quick(1)).await;
+        let made = packstone(data_dir.path(), &[&["backup"][..], &paths].concat()).await;
+        assert_eq!(made.code, Some(0), "{made:?}");
+        let server = if of_this_run {
+            server
+        } else {
+            server.stop().await;
+            Server::start(&data_dir).await
+        };
+        server.client().succeed(&jobs::quick(2)).await;
+        let database = data_dir.path().join("packstone.sqlite");
+        overwrite(&database, &backup.join("packstone.sqlite"), through_sqlite).await;
+        refuses_and_ends(server, "another one than at the start").await;
+    }
+}
+
 #[tokio::test]
 async fn a_link_to_another_data_directory_is_another_store() {
     if holds_every_store() {
@@ -100,16 +143,26 @@ async fn a_link_to_another_data_directory_is_another_store() {
 }
 
 #[tokio::test]
-async fn a_service_whose_lock_is_moved_ends() {
+async fn a_service_whose_lock_or_folder_is_moved_ends() {
     if holds_every_store() {
         return;
     }
-    let data_dir = DataDir::new();
-    let server = Server::start(&data_dir).await;
-    fs::rename(data_dir.path().join("lock"), data_dir.path().join("away")).unwrap();
-    eventually("the words in the log", || server.log().contains("the store is gone; the service ends")).await;
-    assert!(server.log().contains("/lock was moved"), "{}", server.log());
-    assert_eq!(server.ends_within(ENDS_WITHIN).await.code(), Some(MACHINE));
+    for moved in ["lock", "checkpoints", "artifacts"] {
+        let data_dir = DataDir::new();
+        let server = Server::start(&data_dir).await;
+        let job = server.client().succeed(&jobs::quick(1)).await;
+        fs::rename(data_dir.path().join(moved), data_dir.path().join("away")).unwrap();
+        if moved == "artifacts" {
+            // Before a look has found it: the result is out of reach, and not damaged.
+            let result = format!("/v1/jobs/{}/result?format=csv", id_of(&job));
+            server.client().get(&result).send().await.expect_problem(503, "not-ready");
+        }
+        eventually("the words in the log", || server.log().contains("the store is gone; the service ends"))
+            .await;
+        assert!(server.log().contains(&format!("/{moved} was moved")), "{}", server.log());
+        assert_eq!(server.ends_within(ENDS_WITHIN).await.code(), Some(MACHINE), "{moved}");
+        assert!(!data_dir.path().join(moved).exists(), "{moved} is not made again");
+    }
 }
 
 async fn on_postgres(postgres: &Postgres, data_dir: &DataDir) -> (Server, Client) {

@@ -144,6 +144,14 @@ async fn copy_database(data_dir: &Path, directory: &Path) -> Result<(), Failure>
         let exit = if is_fault_of_machine(&error) { Exit::Machine } else { Exit::Unexpected };
         exit.because(format_args!("the database cannot be copied to {to}: {error}"))
     })?;
+    connection.close().await?;
+    // In the place of the file of a service that runs, the copy is told from it.
+    let copy = SqliteConnectOptions::new().filename(&to).create_if_missing(false);
+    let mut connection = SqliteConnection::connect_with(&copy).await?;
+    sqlx::query("update packstone set run = ''").execute(&mut connection).await.map_err(|error| {
+        let exit = if is_fault_of_machine(&error) { Exit::Machine } else { Exit::Unexpected };
+        exit.because(format_args!("the copy {to} of the database cannot be marked as one: {error}"))
+    })?;
     Ok(connection.close().await?)
 }
 

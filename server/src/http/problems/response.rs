@@ -61,6 +61,11 @@ pub(crate) fn of_fault(fault: Fault) -> Problem {
     let (kind, detail) = match fault {
         Fault::NoSpace => (Kind::InsufficientStorage, "the disk of the server is full"),
         Fault::Locked => (Kind::NotReady, "another program holds a lock on the database of the server"),
+        Fault::Busy => (
+            Kind::NotReady,
+            "no connection to the database was free in time: as many requests read it as may at once, or it does not \
+             answer",
+        ),
         Fault::NoMemory => (Kind::NotReady, "the server has no memory left"),
         Fault::Damaged => (
             Kind::NotReady,

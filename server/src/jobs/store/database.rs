@@ -7,9 +7,11 @@ use std::str::FromStr;
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection as _, SqliteConnection};
 
-use super::db::{Connection, Options, WAIT};
+use super::db::{Connection, Options, WAIT_FOR_LOCK, query};
+use super::faults::{Fault, fault_of};
 use super::servers::{Others, Servers};
 use super::{StoreError, schema};
+use crate::hex;
 
 /// A database that a store can be opened in.
 #[derive(Clone, Debug)]
@@ -33,6 +35,8 @@ pub(super) struct Opened {
     pub(super) options: Options,
     /// Which database it is (see [`schema`]).
     pub(super) identity: String,
+    /// The run of this service, as the file names it; none in PostgreSQL, which several servers may share.
+    pub(super) run: Option<String>,
 }
 
 /// A text that names no database which this program can use.
@@ -137,7 +141,7 @@ impl Database {
                     .foreign_keys(true)
                     // Thousands of rows in one statement need room to undo it; on the disk that would be another file.
                     .pragma("temp_store", "memory")
-                    .busy_timeout(WAIT),
+                    .busy_timeout(WAIT_FOR_LOCK),
             )),
             Self::Postgres { options, .. } => Options::Postgres(options.clone()),
         }
@@ -155,14 +159,22 @@ impl Database {
                     options.clone().create_if_missing(true).auto_vacuum(SqliteAutoVacuum::Incremental);
                 let mut first = Connection::Sqlite(SqliteConnection::connect_with(&first).await?);
                 let identity = schema::prepare(&mut first, self).await?;
+                let run = hex::encode(&rand::random::<[u8; 16]>());
+                let marked = query("update packstone set run = ?").bind(&run).execute(&mut first).await;
+                let run = match marked {
+                    Ok(_) => Some(run),
+                    // A service starts on a full disk all the same, so that something can be deleted.
+                    Err(error) if fault_of(&error) == Some(Fault::NoSpace) => None,
+                    Err(error) => return Err(error.into()),
+                };
                 first.close().await?;
                 let options = Options::Sqlite(Box::new(options.journal_mode(SqliteJournalMode::Wal)));
-                Ok(Opened { connection: options.connect().await?, options, identity })
+                Ok(Opened { connection: options.connect().await?, options, identity, run })
             }
             options @ Options::Postgres(_) => {
                 let mut connection = options.connect().await?;
                 let identity = schema::prepare(&mut connection, self).await?;
-                Ok(Opened { connection, options, identity })
+                Ok(Opened { connection, options, identity, run: None })
             }
         }
     }

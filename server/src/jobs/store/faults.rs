@@ -9,6 +9,8 @@ pub(crate) enum Fault {
     NoSpace,
     /// Another program holds a lock on the database.
     Locked,
+    /// All connections to the database were in use by other requests for as long as one is waited for.
+    Busy,
     /// No memory is left.
     NoMemory,
     /// A file could not be opened, read or written: no descriptors, a failing disk, a read-only file system.
@@ -27,10 +29,10 @@ pub(super) fn fault_of(error: &sqlx::Error) -> Option<Fault> {
         }
         sqlx::Error::Database(error) => by_code(error.code()?.parse().ok()?),
         sqlx::Error::Io(error) if crate::disk::is_full(error) => Some(Fault::NoSpace),
+        sqlx::Error::PoolTimedOut => Some(Fault::Busy),
         sqlx::Error::Configuration(why) if why.is::<Unusable>() => Some(Fault::Io),
         // What is left of a transaction that SQLite rolled back by itself; see `writer`.
         sqlx::Error::Io(_)
-        | sqlx::Error::PoolTimedOut
         | sqlx::Error::WorkerCrashed
         | sqlx::Error::BeginFailed
         | sqlx::Error::InvalidSavePointStatement => Some(Fault::Io),
@@ -102,6 +104,11 @@ mod tests {
         ] {
             assert_eq!(by_sqlstate(code), fault, "{code}");
         }
+    }
+
+    #[test]
+    fn a_pool_without_a_free_connection_is_no_fault_of_a_file() {
+        assert_eq!(fault_of(&sqlx::Error::PoolTimedOut), Some(Fault::Busy));
     }
 
     #[test]

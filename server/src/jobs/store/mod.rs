@@ -32,6 +32,9 @@ mod leases_tests;
 mod lifecycle;
 #[cfg(test)]
 mod load_tests;
+mod mark;
+#[cfg(test)]
+mod mark_tests;
 #[cfg(test)]
 mod owners_tests;
 mod patch;
@@ -79,7 +82,8 @@ use crate::tasks;
 use database::Opened;
 use db::{Durability, Readers, either, query as sql};
 use idle_workers::IdleWorkers;
-use presence::{Damage, Mark, Presence};
+use mark::Mark;
+use presence::{Damage, Presence};
 use writer::{Writer, Writing};
 
 pub(crate) use changes::WakeUp;
@@ -255,8 +259,9 @@ impl Store {
         limits: StoreLimits,
         accounts: Arc<Accounts>,
     ) -> Result<Self, StoreError> {
-        let Opened { mut connection, options, identity } = database.open().await?;
-        let (mark, damage) = (Mark::read(&mut connection).await?, Damage::default());
+        let Opened { mut connection, options, identity, run } = database.open().await?;
+        let mark = Mark::of(&mut connection, database.file(), run).await?;
+        let damage = Damage::default();
         let readers = options.readers(Some(&mark), &damage).await?;
         let writer = Writer::new(connection, options, mark.clone());
         // Sets the clock.
@@ -327,6 +332,9 @@ impl Store {
 
     /// Folds the write-ahead log into the file, and gives its space back to the file system.
     pub(crate) async fn shrink_log(&self) {
+        if self.shared.presence.check().is_err() {
+            return;
+        }
         if let Err(error) = self.shared.writer.fold_log().await {
             tracing::warn!(%error, "the write-ahead log was not folded in");
         }
@@ -410,14 +418,19 @@ impl Store {
         &self,
         write: impl Future<Output = Result<T, StoreError>> + Send + 'static,
     ) -> Result<T, StoreError> {
+        let presence = &self.shared.presence;
+        // What is written over damage may be lost with it, and what is written to another file is.
+        presence.check()?;
+        presence.check_damage()?;
         let ended = tasks::spawn(write).await?;
-        self.shared.presence.check()?;
+        presence.check()?;
         if let Err(error) = &ended {
-            self.shared.presence.note(error);
+            presence.note(error);
             if error.is_full() {
                 self.shared.shortage.note();
             }
         }
+        presence.check_damage()?;
         ended
     }
 

@@ -2,10 +2,10 @@
 //!
 //! What is committed to a database that was moved, deleted or replaced is lost with the process. So the files of SQLite
 //! are compared with their names before a commit is acknowledged and before a request is answered (three calls of
-//! `stat`). The row that identifies the database is read each second: with PostgreSQL also where its table was made
-//! again, as by the restoration of a dump, and in SQLite by a connection of its own, which sees another file in the
-//! same place. A store that was replaced is final: only a restart helps. One that is silent or fails is not ready until
-//! it answers and can be written again.
+//! `stat`), and so is the page that names this run (see [`mark`](super::mark)). The row that identifies the database is
+//! read each second: with PostgreSQL also where its table was made again, as by the restoration of a dump, and in
+//! SQLite by a connection of its own, which sees another file in the same place. A store that was replaced is final:
+//! only a restart helps. One that is silent or fails is not ready until it answers and can be written again.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 
 use tokio::time::{sleep, timeout};
 
-use super::db::{Connection, Durability, Options, Text, either, query};
+use super::db::{Connection, Durability, Options, either, query};
 use super::faults::{Fault, fault_of};
+use super::mark::{Mark, has_no_tables, is_other_database};
 use super::{Store, StoreError};
 use crate::open_files::OpenFiles;
 use crate::tasks;
@@ -33,13 +34,6 @@ const READY_WITHIN: Duration = Duration::from_secs(4);
 /// A damaged database is checked again so long after a check, and ten times as long as that took.
 const CHECK_AGAIN: Duration = Duration::from_secs(5);
 
-/// The identity of the database, with what changes when its tables are made again.
-const MARK: Text = either(
-    "select id from packstone",
-    "select id || ' ' || tableoid || ' ' || (select oid from pg_database where datname = current_database())
-     from packstone",
-);
-
 /// Why the store cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Unusable {
@@ -51,13 +45,16 @@ pub(crate) enum Unusable {
     FileReplaced(PathBuf),
     /// Another database answers.
     #[error(
-        "the database is another one than at the start: it was removed, made again or restored while the service ran. \
-         Nothing can be accepted or answered until the service is started again"
+        "the database is another one than at the start: it was removed, made again, overwritten or restored while the \
+         service ran. Nothing can be accepted or answered until the service is started again"
     )]
     DatabaseReplaced,
     /// There is no answer.
     #[error("the database does not answer")]
     Silent,
+    /// A write cannot begin.
+    #[error("another program has the database locked: nothing can be written until it ends its transaction")]
+    Locked,
     /// A page of the database is damaged.
     #[error("the database is damaged: {0}. Stop the service, run `packstone check`, and restore a backup")]
     Damaged(String),
@@ -94,67 +91,6 @@ struct Failing {
     since: Instant,
 }
 
-/// The identity of the database, as every new connection must find it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Mark(String);
-
-impl Mark {
-    /// Reads it from a connection.
-    ///
-    /// # Errors
-    /// The database's.
-    pub(super) async fn read(connection: &mut Connection) -> Result<Self, sqlx::Error> {
-        query(MARK).scalar(connection).await.map(Self)
-    }
-
-    /// Makes sure that a new connection reaches the same database.
-    ///
-    /// # Errors
-    /// The database's, or it is another one.
-    pub(super) async fn check(&self, connection: &mut Connection) -> Result<(), sqlx::Error> {
-        self.compare(Self::read(connection).await)
-    }
-
-    /// The same for a connection of a pool.
-    ///
-    /// # Errors
-    /// As above.
-    pub(super) async fn check_postgres(
-        &self,
-        connection: &mut sqlx::PgConnection,
-    ) -> Result<(), sqlx::Error> {
-        let found = query(MARK).scalar(super::db::Via::Postgres(connection)).await.map(Self);
-        self.compare(found)
-    }
-
-    fn compare(&self, found: Result<Self, sqlx::Error>) -> Result<(), sqlx::Error> {
-        match found {
-            Ok(found) if found == *self => Ok(()),
-            Ok(_) => Err(other_database()),
-            Err(error) if has_no_tables(&error) => Err(other_database()),
-            Err(error) => Err(error),
-        }
-    }
-}
-
-/// Another database answers where ours did. The text is that of [`Unusable::DatabaseReplaced`].
-fn other_database() -> sqlx::Error {
-    sqlx::Error::Configuration(Box::new(Unusable::DatabaseReplaced))
-}
-
-fn is_other_database(error: &sqlx::Error) -> bool {
-    matches!(error, sqlx::Error::Configuration(why) if why.is::<Unusable>())
-}
-
-/// Whether the tables are gone, or the database itself.
-fn has_no_tables(error: &sqlx::Error) -> bool {
-    let sqlx::Error::Database(error) = error else { return matches!(error, sqlx::Error::RowNotFound) };
-    if error.try_downcast_ref::<sqlx::postgres::PgDatabaseError>().is_some() {
-        return matches!(error.code().as_deref(), Some("42P01" | "3D000"));
-    }
-    error.message().starts_with("no such table")
-}
-
 /// Whether a read or a write met a damaged page. Clones share it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Damage(Arc<AtomicBool>);
@@ -178,7 +114,7 @@ impl Presence {
         Self { files, mark, replaced: OnceLock::new(), failing: Mutex::default(), damage }
     }
 
-    /// Whether the files are still those of their names. Costs a few calls of `stat`.
+    /// Whether the files are still those of their names, with the mark of this run. Costs a few calls of the system.
     ///
     /// # Errors
     /// [`Unusable`], once and for all.
@@ -188,7 +124,22 @@ impl Presence {
         }
         match self.files.replaced() {
             Some(path) => Err(self.replace(Unusable::FileReplaced(path.to_owned()))),
+            None if !self.mark.is_in_file() => Err(self.replace(Unusable::DatabaseReplaced)),
             None => Ok(()),
+        }
+    }
+
+    /// Whether no damage of the database is known.
+    ///
+    /// # Errors
+    /// [`Unusable::Damaged`].
+    pub(super) fn check_damage(&self) -> Result<(), Unusable> {
+        match self.failing() {
+            Some(Failing { why: why @ Unusable::Damaged(_), .. }) => Err(why),
+            _ if self.damage.is_noted() => {
+                Err(Unusable::Damaged("a page cannot be read; the others are being checked".to_owned()))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -268,7 +219,7 @@ impl Look<'_> {
         }
         self.written = None;
         match timeout(WRITE_WITHIN, self.store.try_write()).await {
-            Err(_elapsed) => Some(Unusable::Silent),
+            Err(_elapsed) => Some(self.store.late_write()),
             Ok(Err(StoreError::Database(error))) => Some(self.meaning(&error)),
             Ok(Err(StoreError::Unusable(why))) => Some(why),
             Ok(Err(error)) => Some(Unusable::Failing(error.to_string())),
@@ -286,6 +237,7 @@ impl Look<'_> {
         }
         match fault_of(error) {
             Some(Fault::Damaged) => Unusable::Damaged(error.to_string()),
+            Some(Fault::Locked) => Unusable::Locked,
             _ => Unusable::Failing(error.to_string()),
         }
     }
@@ -363,20 +315,21 @@ impl Store {
     /// Why not.
     pub(crate) async fn works(&self) -> Result<(), Unusable> {
         self.usable()?;
-        if let Some(Failing { why: why @ Unusable::Damaged(_), .. }) = self.shared.presence.failing() {
-            return Err(why);
-        }
-        if self.shared.presence.damage.is_noted() {
-            return Err(Unusable::Damaged("a page cannot be read; the others are being checked".to_owned()));
-        }
+        self.shared.presence.check_damage()?;
         let store = self.clone();
         let written = self.detached(async move { store.try_write().await });
         match timeout(READY_WITHIN, written).await {
-            Err(_elapsed) => Err(Unusable::Silent),
+            Err(_elapsed) => Err(self.late_write()),
             Ok(Err(StoreError::Unusable(why))) => Err(why),
+            Ok(Err(error)) if error.fault() == Some(Fault::Locked) => Err(Unusable::Locked),
             Ok(Err(error)) => Err(Unusable::Failing(error.to_string())),
             Ok(Ok(())) => Ok(()),
         }
+    }
+
+    /// Why a write has not ended in time. Where another program has the database locked, what is read is answered.
+    fn late_write(&self) -> Unusable {
+        if self.shared.writer.is_locked() { Unusable::Locked } else { Unusable::Silent }
     }
 
     /// For how long the database has not answered.
@@ -414,7 +367,8 @@ impl Store {
     /// Writes a row without changing it.
     async fn try_write(&self) -> Result<(), StoreError> {
         let mut writer = self.shared.writer.lock(Durability::ProcessEnd).await?;
-        query("update packstone set created_at = created_at").execute(&mut writer).await?;
-        Ok(())
+        let mut tx = writer.begin().await?;
+        query("update packstone set created_at = created_at").execute(&mut tx).await?;
+        Ok(tx.commit().await?)
     }
 }

@@ -4,13 +4,19 @@
 //! the database and counts the changes of the tables: a database of another number is refused with the version that
 //! reads it. Nothing is released yet; from the first release on, a change of the tables is a migration besides.
 
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Connection as _, SqliteConnection};
+use tokio::sync::OnceCell;
+
 use super::clock::Clock;
 use super::db::{Connection, Durability, Text, Transaction, either, query};
 use super::{Database, StoreError};
 use crate::hex;
 
 /// Counts the changes of the tables. It rises with each change of the texts.
-const SCHEMA: i64 = 4;
+const SCHEMA: i64 = 5;
 /// The tables in SQLite.
 const SQLITE: &str = include_str!("../../../../migrations/sqlite.sql");
 /// The tables in PostgreSQL.
@@ -28,6 +34,10 @@ const TABLES: Text = either(
     "select table_name::text from information_schema.tables where table_schema = current_schema() order by table_name",
 );
 
+/// The texts of all tables, indices and triggers of a file of SQLite, by their names.
+const OBJECTS: &str = "select type || ' ' || name as name, coalesce(sql, '') as sql from sqlite_schema
+    where name not like 'sqlite\\_%' escape '\\'";
+
 /// Why a database is not used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum SchemaError {
@@ -44,6 +54,19 @@ pub(crate) enum SchemaError {
         form: String,
         /// A version that reads them.
         reader: String,
+    },
+    /// Somebody has changed its tables, indices or triggers.
+    #[error(
+        "the database {database} is not as Packstone makes it: the {object} {change}. Undo the change, or restore a \
+         backup"
+    )]
+    Changed {
+        /// The database.
+        database: String,
+        /// What differs.
+        object: String,
+        /// How.
+        change: &'static str,
     },
     /// It belongs to another program.
     #[error("the database {database} has tables of another program, as {table}: use another one")]
@@ -87,10 +110,15 @@ pub(super) async fn read(tx: &mut Transaction<'_>, database: &Database) -> Resul
     let (has_own, is_older) = (has(OWN), has(SINCE_THE_BEGINNING));
     let shown = database.to_string();
     if has_own {
-        let row = query("select id, schema, version from packstone").fetch_optional(tx).await?;
+        let row = query("select id, schema, version from packstone").fetch_optional(&mut *tx).await?;
         let row = row.ok_or_else(|| StoreError::Row("the table packstone has no row".into()))?;
         let schema: i64 = row.try_get("schema")?;
         if schema == SCHEMA {
+            if matches!(tx, Transaction::Sqlite(..))
+                && let Some((object, change)) = difference(objects().await?, &objects_in(tx).await?)
+            {
+                return Err(SchemaError::Changed { database: shown, object, change }.into());
+            }
             return Ok(row.try_get("id")?);
         }
         let reader = format!("Packstone {}", row.text("version")?);
@@ -107,10 +135,50 @@ pub(super) async fn read(tx: &mut Transaction<'_>, database: &Database) -> Resul
     }
 }
 
+/// Tables, indices and triggers with their texts.
+type Objects = BTreeMap<String, String>;
+
+/// Those that this version makes in SQLite.
+async fn objects() -> Result<&'static Objects, sqlx::Error> {
+    static OBJECTS: OnceCell<Objects> = OnceCell::const_new();
+    OBJECTS
+        .get_or_try_init(|| async {
+            // Without a name it lies in memory.
+            let memory =
+                SqliteConnection::connect_with(&SqliteConnectOptions::new().create_if_missing(true)).await?;
+            let mut memory = Connection::Sqlite(memory);
+            let clock = Clock::default();
+            let mut tx = memory.begin_write(Durability::ProcessEnd, &clock).await?;
+            tx.run_script(SQLITE).await?;
+            objects_in(&mut tx).await
+        })
+        .await
+}
+
+/// Those of an open database.
+async fn objects_in(tx: &mut Transaction<'_>) -> Result<Objects, sqlx::Error> {
+    let mut objects = Objects::new();
+    for row in query(OBJECTS).fetch_all(tx).await? {
+        objects.insert(row.try_get("name")?, row.try_get("sql")?);
+    }
+    Ok(objects)
+}
+
+/// The first object that is not as it was made, and how it differs.
+fn difference(made: &Objects, found: &Objects) -> Option<(String, &'static str)> {
+    let lost = made.iter().find_map(|(name, text)| match found.get(name) {
+        None => Some((name.clone(), "is missing")),
+        Some(other) => (other != text).then(|| (name.clone(), "was changed")),
+    });
+    lost.or_else(|| {
+        found.keys().find(|name| !made.contains_key(*name)).map(|name| (name.clone(), "was added"))
+    })
+}
+
 /// Makes the tables, and the identity of the database.
 async fn create(tx: &mut Transaction<'_>, clock: &Clock) -> Result<String, StoreError> {
     let text = match tx {
-        Transaction::Sqlite(_) => SQLITE,
+        Transaction::Sqlite(..) => SQLITE,
         Transaction::Postgres(_) => POSTGRES,
     };
     tx.run_script(text).await?;
@@ -128,8 +196,6 @@ async fn create(tx: &mut Transaction<'_>, clock: &Clock) -> Result<String, Store
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use sqlx::sqlite::SqliteConnectOptions;
-    use sqlx::{Connection as _, SqliteConnection};
     use tempfile::TempDir;
 
     use super::super::tests::{LIMITS, database, fresh_file, open};
@@ -180,6 +246,29 @@ mod tests {
         change(&folder, "update packstone set schema = 99, version = '9.1.0'").await;
         let refused = refused(&folder).await;
         assert!(refused.contains("schema 99, which Packstone 9.1.0 reads"), "{refused}");
+    }
+
+    #[tokio::test]
+    async fn a_file_whose_tables_somebody_has_changed_is_refused_with_the_object() {
+        for (statements, told) in [
+            ("drop index jobs_by_study", "the index jobs_by_study is missing"),
+            ("drop trigger job_counts_insert", "the trigger job_counts_insert is missing"),
+            ("alter table removals add column note text", "the table removals was changed"),
+            ("create trigger added after insert on jobs begin select 1; end", "the trigger added was added"),
+        ] {
+            let (folder, store) = fresh_file().await;
+            store.close().await;
+            drop(store);
+            change(&folder, statements).await;
+            let refused = refused(&folder).await;
+            assert!(refused.contains(told), "{refused}");
+        }
+        // What ANALYZE keeps is not the program's.
+        let (folder, store) = fresh_file().await;
+        store.close().await;
+        drop(store);
+        change(&folder, "analyze").await;
+        open(&folder, LIMITS).await;
     }
 
     #[tokio::test]

@@ -6,17 +6,19 @@
 //! first asks whether the connection is in no transaction, and opens another one where it is.
 
 use std::sync::PoisonError;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use tokio::sync::{Mutex, MutexGuard};
 
 use super::StoreError;
 use super::clock::Clock;
-use super::db::{Connection, Durability, Options, Source, Transaction, Via};
+use super::db::{
+    Connection, Durability, Options, Source, Transaction, Via, WAIT_FOR_HELD_LOCK, WAIT_FOR_LOCK,
+};
 use super::faults::{Fault, fault_of};
 use super::group_commit::Line;
-use super::presence::Mark;
+use super::mark::Mark;
 
 /// The connection, one writer at a time.
 #[derive(Debug)]
@@ -32,12 +34,15 @@ pub(super) struct Writer {
     lost_since: std::sync::Mutex<Option<Instant>>,
     /// How often the connection was replaced.
     replaced: AtomicU64,
+    /// The last write that wanted to begin found the database locked by another program.
+    locked: AtomicBool,
 }
 
 #[derive(Debug)]
 struct State {
     connection: Connection,
     durability: Durability,
+    lock_wait: Duration,
     unusable: bool,
     /// When a writer last took it, unless a write has failed since then.
     used: Option<Instant>,
@@ -62,6 +67,7 @@ impl Writer {
             line: Line::default(),
             lost_since: std::sync::Mutex::default(),
             replaced: AtomicU64::default(),
+            locked: AtomicBool::default(),
         }
     }
 
@@ -132,6 +138,11 @@ impl Writer {
         }
     }
 
+    /// Whether another program has the database locked, as the last write found it that wanted to begin.
+    pub(super) fn is_locked(&self) -> bool {
+        self.locked.load(Ordering::Acquire)
+    }
+
     /// How often the connection was replaced.
     pub(super) fn replaced(&self) -> u64 {
         self.replaced.load(Ordering::Relaxed)
@@ -151,7 +162,13 @@ impl Writer {
 
 impl State {
     fn new(connection: Connection) -> Self {
-        Self { connection, durability: Durability::PowerCut, unusable: false, used: Some(Instant::now()) }
+        Self {
+            connection,
+            durability: Durability::PowerCut,
+            lock_wait: WAIT_FOR_LOCK,
+            unusable: false,
+            used: Some(Instant::now()),
+        }
     }
 }
 
@@ -176,6 +193,11 @@ impl Writing<'_> {
             state.connection.set_durability(durability).await?;
             state.durability = durability;
         }
+        let lock_wait = if self.writer.is_locked() { WAIT_FOR_HELD_LOCK } else { WAIT_FOR_LOCK };
+        if state.lock_wait != lock_wait {
+            state.connection.set_lock_wait(lock_wait).await?;
+            state.lock_wait = lock_wait;
+        }
         state.used = Some(Instant::now());
         Ok(())
     }
@@ -190,11 +212,23 @@ impl Writing<'_> {
     /// # Errors
     /// The database's. Unless another program holds the lock, the connection is replaced before the next write.
     pub(super) async fn begin(&mut self) -> Result<Transaction<'_>, sqlx::Error> {
+        let Writer { clock, mark, locked, .. } = self.writer;
         let State { connection, unusable, durability, .. } = &mut *self.state;
-        match connection.begin_write(*durability, &self.writer.clock).await {
-            Ok(transaction) => Ok(transaction),
+        let durability = *durability;
+        let begun = async move {
+            let mut transaction = connection.begin_write(durability, clock).await?;
+            mark.count(&mut transaction).await?;
+            Ok(transaction)
+        };
+        match begun.await {
+            Ok(transaction) => {
+                locked.store(false, Ordering::Release);
+                Ok(transaction)
+            }
             Err(error) => {
-                *unusable = fault_of(&error) != Some(Fault::Locked);
+                let is_locked = fault_of(&error) == Some(Fault::Locked);
+                locked.store(is_locked, Ordering::Release);
+                *unusable = !is_locked;
                 Err(error)
             }
         }

@@ -7,13 +7,17 @@ use sqlx::{Connection as _, SqliteConnection, SqlitePool};
 
 use super::transaction::Transaction;
 use crate::jobs::store::clock::Clock;
-use crate::jobs::store::presence::{Damage, Mark};
+use crate::jobs::store::mark::Mark;
+use crate::jobs::store::presence::Damage;
 
 /// Readers at once. Reads take microseconds; the pool only has to outnumber the cores.
 const READERS: u32 = 4;
-/// How long a reader waits for a connection, and a writer for a lock that another program holds on the file (a backup,
-/// `sqlite3` in a terminal).
+/// How long a reader waits for a connection.
 pub(in super::super) const WAIT: Duration = Duration::from_secs(10);
+/// How long a writer waits for a lock that another program holds on the file (`sqlite3` in a terminal).
+pub(in super::super) const WAIT_FOR_LOCK: Duration = Duration::from_secs(3);
+/// The same after it was waited for in vain, so that writes that wait for each other are refused soon.
+pub(in super::super) const WAIT_FOR_HELD_LOCK: Duration = Duration::from_millis(200);
 
 /// Longest wait for the answer to a statement: a connection may hang without an error.
 const ANSWER_WITHIN: Duration = Duration::from_secs(30);
@@ -173,6 +177,18 @@ impl Connection {
         Ok(())
     }
 
+    /// Waits for so long for a lock that another program holds on the file, where the database is one.
+    ///
+    /// # Errors
+    /// The database's.
+    pub(in super::super) async fn set_lock_wait(&mut self, longest: Duration) -> Result<(), sqlx::Error> {
+        if let Self::Sqlite(connection) = self {
+            let text = sqlx::AssertSqlSafe(format!("pragma busy_timeout = {}", longest.as_millis()));
+            sqlx::query(text).execute(connection).await?;
+        }
+        Ok(())
+    }
+
     /// Begins a transaction that may write from its start on, and is the only one that does. The clock is set by that
     /// of the database where it has one of its own.
     ///
@@ -185,7 +201,8 @@ impl Connection {
     ) -> Result<Transaction<'_>, sqlx::Error> {
         match self {
             Self::Sqlite(connection) => {
-                connection.begin_with("begin immediate").await.map(Transaction::Sqlite)
+                let begun = connection.begin_with("begin immediate").await;
+                begun.map(|tx| Transaction::Sqlite(tx, None))
             }
             Self::Postgres(connection) => {
                 super::postgres::begin_write(connection, durability, clock).await.map(Transaction::Postgres)
@@ -239,7 +256,7 @@ impl Readers {
     /// The database's.
     pub(in super::super) async fn begin(&self) -> Result<Transaction<'static>, sqlx::Error> {
         match self {
-            Self::Sqlite(pool, _) => pool.begin().await.map(Transaction::Sqlite),
+            Self::Sqlite(pool, _) => pool.begin().await.map(|tx| Transaction::Sqlite(tx, None)),
             Self::Postgres(pool, _) => {
                 let begun =
                     answered(pool.begin_with("begin isolation level repeatable read read only")).await;

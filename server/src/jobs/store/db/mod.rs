@@ -14,7 +14,9 @@ mod transaction;
 
 pub(super) use bind::Value;
 pub(super) use builder::QueryBuilder;
-pub(super) use connection::{Connection, Durability, Options, Readers, Via, WAIT};
+pub(super) use connection::{
+    Connection, Durability, Options, Readers, Via, WAIT_FOR_HELD_LOCK, WAIT_FOR_LOCK,
+};
 pub(super) use row::Row;
 pub(super) use statement::{Source, Text, either, query};
 pub(super) use transaction::Transaction;

@@ -12,7 +12,7 @@ use sqlx::{Connection as _, PgConnection, PgPool, Postgres, Row as _, Transactio
 
 use super::connection::{Durability, WAIT, answered};
 use crate::jobs::store::clock::Clock;
-use crate::jobs::store::presence::Mark;
+use crate::jobs::store::mark::Mark;
 
 /// Begins a write, in one message. The lock is the word "packston" in ASCII; it is released with the transaction. The
 /// database ends the transaction of a server that says nothing for ten seconds, which may be stopped or cut off, for

@@ -1,5 +1,8 @@
 //! Transactions.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use sqlx::Sqlite;
 
 use super::connection::Via;
@@ -9,11 +12,26 @@ use super::statement::Source;
 /// A transaction; dropped without [`Self::commit`], it is rolled back.
 #[derive(Debug)]
 pub(in super::super) enum Transaction<'c> {
-    Sqlite(sqlx::Transaction<'c, Sqlite>),
+    Sqlite(sqlx::Transaction<'c, Sqlite>, Option<CommitNumber>),
     Postgres(sqlx::Transaction<'c, sqlx::Postgres>),
 }
 
+/// The number that a transaction gives to its commit, and where that of the last commit is kept.
+#[derive(Debug)]
+pub(in super::super) struct CommitNumber {
+    number: i64,
+    last: Arc<AtomicI64>,
+}
+
 impl Transaction<'_> {
+    /// Keeps the number of its commit in `last` once it is committed.
+    pub(in super::super) fn set_number(&mut self, number: i64, last: &Arc<AtomicI64>) {
+        match self {
+            Self::Sqlite(_, kept) => *kept = Some(CommitNumber { number, last: Arc::clone(last) }),
+            Self::Postgres(_) => {}
+        }
+    }
+
     /// Runs a text of several statements, which has no parameters.
     ///
     /// # Errors
@@ -21,7 +39,7 @@ impl Transaction<'_> {
     pub(in super::super) async fn run_script(&mut self, text: &'static str) -> Result<(), sqlx::Error> {
         let script = sqlx::raw_sql(text);
         match self {
-            Self::Sqlite(tx) => script.execute(&mut **tx).await.map(drop),
+            Self::Sqlite(tx, _) => script.execute(&mut **tx).await.map(drop),
             Self::Postgres(tx) => answered(script.execute(&mut **tx)).await.map(drop),
         }
     }
@@ -50,7 +68,13 @@ impl Transaction<'_> {
     /// The database's; then nothing is changed, unless the connection broke off in the very moment.
     pub(in super::super) async fn commit(self) -> Result<(), sqlx::Error> {
         match self {
-            Self::Sqlite(tx) => tx.commit().await,
+            Self::Sqlite(tx, number) => {
+                tx.commit().await?;
+                if let Some(CommitNumber { number, last }) = number {
+                    last.fetch_max(number, Ordering::AcqRel);
+                }
+                Ok(())
+            }
             Self::Postgres(tx) => answered(tx.commit()).await,
         }
     }
@@ -61,7 +85,7 @@ impl Transaction<'_> {
     /// The database's.
     pub(in super::super) async fn rollback(self) -> Result<(), sqlx::Error> {
         match self {
-            Self::Sqlite(tx) => tx.rollback().await,
+            Self::Sqlite(tx, _) => tx.rollback().await,
             Self::Postgres(tx) => answered(tx.rollback()).await,
         }
     }
@@ -70,7 +94,7 @@ impl Transaction<'_> {
 impl<'s> Source<'s> for &'s mut Transaction<'_> {
     fn via(self) -> Via<'s> {
         match self {
-            Transaction::Sqlite(tx) => Via::Sqlite(tx),
+            Transaction::Sqlite(tx, _) => Via::Sqlite(tx),
             Transaction::Postgres(tx) => Via::Postgres(tx),
         }
     }
