@@ -137,7 +137,7 @@ async fn a_reader_that_stops_reading_holds_up_nobody() {
 #[tokio::test]
 async fn more_downloads_than_allowed_are_put_off() {
     let data_dir = DataDir::new();
-    let server = Launch::new(&data_dir).args(&["--max-downloads", "2"]).start().await;
+    let server = Launch::new(&data_dir).args(&["--max-downloads", "4"]).start().await;
     let client = server.client();
     let job = client.succeed(&jobs::equal_spheres(200_000, 1)).await;
     let path = format!("/v1/jobs/{}/result?format=json", id_of(&job));
@@ -153,6 +153,9 @@ async fn more_downloads_than_allowed_are_put_off() {
     assert!(put_off.header("retry-after").parse::<u32>().unwrap() >= 1);
     client.head(&path).send().await.expect(200);
     client.get(&format!("/v1/jobs/{}/result/summary", id_of(&job))).send().await.expect(200);
+    // Half of the places are for others.
+    let (head, _) = ask(SECOND, server.address(), &path).await;
+    assert!(head.starts_with("HTTP/1.1 200 "), "{head}");
     // Whoever hangs up gives the place back.
     drop(stopped);
     client.get(&path).send().await.expect(200);

@@ -280,7 +280,7 @@ async fn with_a_gigabyte_of_address_space_five_hundred_connections_of_all_kinds_
 #[tokio::test]
 async fn readers_of_pages_that_stop_cost_little_and_lose_their_places() {
     let data_dir = DataDir::new();
-    let options = ["--max-downloads", "50", "--stalled-reader-s", "5"];
+    let options = ["--max-downloads", "100", "--stalled-reader-s", "5"];
     let server = Launch::new(&data_dir).args(&options).start().await;
     let client = server.client();
     let job = client.succeed(&jobs::equal_spheres(300_000, 1)).await;

@@ -16,6 +16,7 @@ const LAYERS: &[&[&str]] = &[
         "descriptors",
         "disk",
         "failure",
+        "fair_places",
         "hex",
         "http_client",
         "ids",

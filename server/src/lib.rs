@@ -19,6 +19,7 @@ mod descriptors;
 mod disk;
 mod exports;
 mod failure;
+mod fair_places;
 mod formats;
 mod gmsh;
 mod hex;

@@ -145,7 +145,7 @@ pub(crate) fn network_of(address: IpAddr) -> IpAddr {
 }
 
 /// The same of an address as text, which a proxy may write with a port.
-fn client_of(address: &str) -> String {
+pub(crate) fn client_of(address: &str) -> String {
     let bare = address.trim().trim_start_matches('[').trim_end_matches(']');
     let parsed = bare.parse().ok().or_else(|| address.parse::<SocketAddr>().ok().map(|address| address.ip()));
     parsed.map_or_else(|| address.to_owned(), |address| network_of(address).to_string())

@@ -5,6 +5,7 @@
 //! swept. Where the files lie is for [`Blobs`] to know. The form inside the file is the engine's; nothing here knows
 //! jobs' states or HTTP.
 
+pub(crate) mod conversions;
 mod exports;
 mod known;
 #[cfg(test)]
@@ -34,7 +35,7 @@ const RESULT: &str = ".packstone";
 /// Ending of a complete export.
 const EXPORT: &str = ".export";
 /// Name of the folder of results and exports.
-const FOLDER: &str = "artifacts";
+const FOLDER: &str = crate::blobs::RESULTS;
 /// Name of the folder, beside the one of results, to which files are moved that the database does not know.
 const QUARANTINE: &str = "quarantine";
 /// Name of the folder of the checkpoints, beside it.
@@ -110,16 +111,8 @@ impl Artifacts {
     /// The system's.
     #[cfg(test)]
     pub(crate) fn open(directory: &Path) -> io::Result<Self> {
-        Self::make_folder(directory)?;
+        fs::create_dir_all(directory.join(FOLDER))?;
         Ok(Self::new(Arc::new(Files::alone(directory.to_owned()))))
-    }
-
-    /// Makes the folder of results and exports in a directory.
-    ///
-    /// # Errors
-    /// The system's.
-    pub(crate) fn make_folder(directory: &Path) -> io::Result<()> {
-        fs::create_dir_all(directory.join(FOLDER))
     }
 
     /// Those below a directory that is emptied before anybody opens it again: they may be lost with the power, and are

@@ -3,7 +3,8 @@
 //! A blocking thread writes the format into a window (the byte range asked for), and the window
 //! hands blocks to the response through a short channel. A reader that is slow makes the thread
 //! wait; one that is gone, or that takes nothing for a minute, ends it. So a result of any length
-//! costs a few blocks of memory.
+//! costs a few blocks of memory. As many threads convert at once as there are cores: those whose readers are slow do
+//! not count.
 
 use std::io::{self, Read, Write};
 use std::ops::Range;
@@ -13,10 +14,11 @@ use bytes::{Bytes, BytesMut};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use packstone_engine::export::tables::{self, Format};
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc;
 
+use super::conversions;
 use super::read::StoredResult;
+use crate::fair_places::Place;
 use crate::tasks;
 
 const BLOCK_BYTES: usize = 1 << 17;
@@ -31,7 +33,7 @@ pub(crate) fn start(
     format: Format,
     range: Range<u64>,
     gzip: bool,
-    permit: OwnedSemaphorePermit,
+    permit: Place,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let write = move |out: &mut dyn Write| tables::write(format, result.head(), &result, out);
     start_writing(Box::new(write), format.name(), range, gzip, permit)
@@ -46,11 +48,11 @@ pub(crate) fn start_writing(
     format: &'static str,
     range: Range<u64>,
     gzip: bool,
-    permit: OwnedSemaphorePermit,
+    permit: Place,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
-        let blocks = Blocks { sender: sender.clone() };
+        let blocks = Blocks { sender: sender.clone(), converting: Some(conversions::begin()) };
         let sink: Box<dyn Sink> = if gzip { Box::new(Gzipped::new(blocks)) } else { Box::new(blocks) };
         let mut window = Window::new(range, sink);
         let written = write(&mut window);
@@ -67,11 +69,11 @@ pub(crate) fn start_writing(
 pub(crate) fn start_file(
     mut bytes: Box<dyn Read + Send>,
     length: u64,
-    permit: OwnedSemaphorePermit,
+    permit: Place,
 ) -> mpsc::Receiver<io::Result<Bytes>> {
     let (sender, receiver) = mpsc::channel(BLOCKS_WAITING);
     tasks::blocking(move || {
-        let mut blocks = Blocks { sender: sender.clone() };
+        let mut blocks = Blocks { sender: sender.clone(), converting: None };
         let sent = send_bytes(&mut *bytes, length, &mut blocks).or_else(reader_left);
         if let Err(error) = sent {
             tracing::warn!(%error, "a file was not sent to its end");
@@ -121,11 +123,17 @@ impl Sink for Box<dyn Sink> {
 
 struct Blocks {
     sender: mpsc::Sender<io::Result<Bytes>>,
+    /// The place of a conversion, which a file that is sent as it lies does not need.
+    converting: Option<conversions::Place>,
 }
 
 impl Sink for Blocks {
     fn send(&mut self, block: Bytes) -> io::Result<()> {
-        match tasks::wait_for(self.sender.send(Ok(block)), STALLED) {
+        // Others convert while this reader takes its time.
+        let converts = self.converting.take().is_some();
+        let sent = tasks::wait_for(self.sender.send(Ok(block)), STALLED);
+        self.converting = converts.then(conversions::begin);
+        match sent {
             Some(Ok(())) => Ok(()),
             Some(Err(_)) => Err(io::ErrorKind::BrokenPipe.into()),
             None => Err(io::ErrorKind::TimedOut.into()),
@@ -236,6 +244,7 @@ mod tests {
     use flate2::read::GzDecoder;
 
     use super::*;
+    use crate::fair_places::{Client, FairPlaces};
 
     impl Sink for &mut Vec<u8> {
         fn send(&mut self, block: Bytes) -> io::Result<()> {
@@ -291,9 +300,8 @@ mod tests {
                 Ok(taken)
             }
         }
-        let turn = std::sync::Arc::new(tokio::sync::Semaphore::new(1));
+        let permit = FairPlaces::new(1, 1).wait(&Client::default()).await;
         let length = BLOCKS_WAITING * BLOCK_BYTES;
-        let permit = std::sync::Arc::clone(&turn).acquire_owned().await.unwrap();
         let mut blocks = start_file(Box::new(Short(length)), 2 * length as u64, permit);
         // Until all blocks that there is room for wait.
         while blocks.len() < BLOCKS_WAITING {

@@ -7,9 +7,9 @@ use std::io;
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::{Limits, Packing, PackingRequest, Unattended, pack};
 use serde_json::json;
-use tokio::sync::Semaphore;
 
 use super::*;
+use crate::fair_places::{Client, FairPlaces};
 use crate::jobs::ArtifactRecord;
 use crate::workers::control::{RunControl, Stop};
 
@@ -66,7 +66,7 @@ async fn every_format_and_range_comes_back_as_it_was() {
         assert_eq!(record.format_lengths[format.name()], length, "{}", format.name());
         for range in [0..length, 0..1, length / 3..length / 2, length - 7..length] {
             let result = stored.artifacts.read(&record).unwrap();
-            let turn = Arc::new(Semaphore::new(1)).acquire_owned().await.unwrap();
+            let turn = FairPlaces::new(1, 1).wait(&Client::default()).await;
             let mut blocks = stream::start(result, format, range.clone(), false, turn);
             let mut found = Vec::new();
             while let Some(block) = blocks.recv().await {

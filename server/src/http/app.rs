@@ -14,6 +14,7 @@ use crate::audit::AuditLog;
 use crate::checkpoints::Checkpoints;
 use crate::config::{MAX_UPLOADS, ServeOptions, check_threads};
 use crate::disk::Disk;
+use crate::fair_places::FairPlaces;
 use crate::http::computing::ComputePool;
 use crate::http::hosts::Hosts;
 use crate::http::jobs::polled::Polled;
@@ -89,20 +90,20 @@ pub(crate) struct Shared {
     /// One permit per connection that may be open.
     pub(crate) connections: Arc<Semaphore>,
     pub(crate) max_connections: usize,
-    /// One permit per result being sent.
-    pub(crate) downloads: Arc<Semaphore>,
+    /// One place for each result being sent.
+    pub(crate) downloads: FairPlaces,
     pub(crate) max_downloads: usize,
     pub(crate) export_cache_bytes: u64,
-    /// One permit per plot being drawn.
-    pub(crate) plots: Arc<Semaphore>,
-    pub(crate) large_bodies: Arc<Semaphore>,
+    /// One place for each plot being drawn.
+    pub(crate) plots: FairPlaces,
+    pub(crate) large_bodies: FairPlaces,
     /// Threads that plan requests, where that takes a while.
     pub(crate) compute: ComputePool,
     /// Threads that read and write long documents.
     pub(crate) documents: ComputePool,
     pub(crate) planner: Planner,
-    /// One permit per file that is being taken in from a worker.
-    pub(crate) uploads: Arc<Semaphore>,
+    /// One place for each file that is being taken in from a worker.
+    pub(crate) uploads: FairPlaces,
     /// The memory of requests being read and of answers being sent.
     pub(crate) memory_budget: MemoryBudget,
     /// Jobs in other processes whose state was asked for lately.
@@ -189,15 +190,15 @@ impl App {
                 slots: slots.clone(),
                 connections,
                 max_connections: options.max_connections,
-                downloads: Arc::new(Semaphore::new(options.max_downloads)),
+                downloads: FairPlaces::new(options.max_downloads, options.max_downloads / 2),
                 max_downloads: options.max_downloads,
                 export_cache_bytes: options.export_cache_bytes,
-                plots: Arc::new(Semaphore::new(PLOTS)),
-                large_bodies: Arc::new(Semaphore::new(large_bodies())),
+                plots: FairPlaces::new(PLOTS, PLOTS),
+                large_bodies: FairPlaces::new(large_bodies(), large_bodies()),
                 compute: ComputePool::of_requests(),
                 documents: ComputePool::of_documents(),
                 planner: Planner::new(Arc::clone(&packings.templates)),
-                uploads: Arc::new(Semaphore::new(MAX_UPLOADS)),
+                uploads: FairPlaces::new(MAX_UPLOADS, MAX_UPLOADS / 2),
                 memory_budget: options.memory_budget(),
                 polled: Polled::default(),
                 heard: Heard::default(),

@@ -1,19 +1,19 @@
 //! Work that would hold up the threads that answer: plans, large bodies, long documents.
 //!
 //! It runs on threads of the blocking pool, in each of two pools at most half as many at once as there are cores. A
-//! request waits for its turn for a bounded time. Work with many steps passes its place on after a while, so that short
-//! work beside it is not held up either.
+//! request waits for its turn for a bounded time, and clients take turns. Work with many steps passes its place on
+//! after a while, so that short work beside it is not held up either.
 
 use std::cell::{Cell, RefCell};
-use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
 use tokio::runtime::Handle;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
+use crate::fair_places::{Client, FairPlaces, Place};
+use crate::http::client;
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
@@ -25,7 +25,7 @@ const SLICE: Duration = Duration::from_millis(100);
 /// Places of threads that compute.
 #[derive(Debug)]
 pub(crate) struct ComputePool {
-    places: Arc<Semaphore>,
+    places: FairPlaces,
     longest_wait: Duration,
 }
 
@@ -37,8 +37,9 @@ fn threads() -> usize {
 
 /// The place of work that runs.
 pub(crate) struct Turn {
-    places: Arc<Semaphore>,
-    place: RefCell<Option<OwnedSemaphorePermit>>,
+    places: FairPlaces,
+    client: Client,
+    place: RefCell<Option<Place>>,
     since: Cell<Instant>,
     runtime: Handle,
     gone: CancellationToken,
@@ -56,7 +57,7 @@ impl ComputePool {
     }
 
     fn new(threads: usize, longest_wait: Duration) -> Self {
-        Self { places: Arc::new(Semaphore::new(threads)), longest_wait }
+        Self { places: FairPlaces::new(threads, threads), longest_wait }
     }
 
     /// Computes once it is this request's turn. Work goes on until its end or its next [`Turn::go_on`], even if the
@@ -68,14 +69,16 @@ impl ComputePool {
         &self,
         work: impl FnOnce(&Turn) -> T + Send + 'static,
     ) -> Result<T, Problem> {
-        let waited = timeout(self.longest_wait, Arc::clone(&self.places).acquire_owned()).await;
-        let Ok(Ok(place)) = waited else { return Err(busy()) };
+        let client = client::current();
+        let Ok(place) = timeout(self.longest_wait, self.places.wait(&client)).await else {
+            return Err(busy());
+        };
         let gone = CancellationToken::new();
         let _gone_with_this_future = gone.clone().drop_guard();
-        let (places, runtime) = (Arc::clone(&self.places), Handle::current());
+        let (places, runtime) = (self.places.clone(), Handle::current());
         let computed = tasks::blocking(move || {
             let (place, since) = (RefCell::new(Some(place)), Cell::new(Instant::now()));
-            work(&Turn { places, place, since, runtime, gone })
+            work(&Turn { places, client, place, since, runtime, gone })
         });
         computed.await.map_err(|error| {
             tracing::error!(%error, "the computation of an answer ended early");
@@ -93,8 +96,8 @@ impl Turn {
         }
         if self.since.get().elapsed() >= SLICE {
             self.place.borrow_mut().take();
-            let again = self.gone.run_until_cancelled(Arc::clone(&self.places).acquire_owned());
-            let Some(Ok(place)) = self.runtime.block_on(again) else { return false };
+            let again = self.gone.run_until_cancelled(self.places.wait(&self.client));
+            let Some(place) = self.runtime.block_on(again) else { return false };
             self.place.replace(Some(place));
             self.since.set(Instant::now());
         }
@@ -111,7 +114,9 @@ pub(crate) fn busy() -> Problem {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use std::sync::mpsc;
+    use std::sync::{Arc, Mutex, mpsc};
+
+    use futures_util::FutureExt as _;
 
     use super::*;
 
@@ -136,6 +141,35 @@ mod tests {
         computed.unwrap().unwrap();
         assert_eq!((refused.status, refused.headers[0].0), (503, "retry-after"));
         assert!(pool.run(|_| ()).await.is_ok());
+    }
+
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn a_client_with_many_requests_lets_others_pass() {
+        let pool = ComputePool::new(1, PATIENCE);
+        let (end, ends) = mpsc::channel::<()>();
+        let (begun, has_begun) = tokio::sync::oneshot::channel();
+        let order = Arc::new(Mutex::new(Vec::new()));
+        let of = |name: &str| Client::named([name.to_owned()]);
+        let first = pool.run(move |_| {
+            begun.send(()).unwrap();
+            ends.recv_timeout(PATIENCE)
+        });
+        let mut others = Vec::new();
+        for name in ["many", "many", "many", "one"] {
+            let order = Arc::clone(&order);
+            others.push(client::answering(of(name), pool.run(move |_| order.lock().unwrap().push(name))));
+        }
+        let others = async {
+            has_begun.await.unwrap();
+            let mut others = futures_util::future::join_all(others);
+            // Each has joined the line.
+            assert!((&mut others).now_or_never().is_none());
+            end.send(()).unwrap();
+            others.await
+        };
+        let (first, _) = tokio::join!(client::answering(of("many"), first), others);
+        first.unwrap().unwrap();
+        assert_eq!(order.lock().unwrap()[..2], ["many", "one"]);
     }
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -1,15 +1,15 @@
 //! What plots of jobs and of studies share: their bound on concurrent work, their answers.
 
 use std::io;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
-use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 
+use crate::fair_places::Place;
 use crate::http::app::App;
+use crate::http::client;
 use crate::http::files::FileName;
 use crate::http::params::values::{Flag, OrDefault};
 use crate::http::params::{Choice, parameters};
@@ -56,10 +56,10 @@ pub(crate) fn not_ready(refusal: Problem) -> Problem {
 }
 
 /// Waits to be one of the few that draw.
-pub(crate) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
-    match timeout(TURN, Arc::clone(&app.shared.plots).acquire_owned()).await {
-        Ok(Ok(permit)) => Ok(permit),
-        _ => Err(Problem::new(Kind::Busy, "as many plots are being drawn as this server draws at once")
+pub(crate) async fn turn(app: &App) -> Result<Place, Problem> {
+    match timeout(TURN, app.shared.plots.wait(&client::current())).await {
+        Ok(place) => Ok(place),
+        Err(_) => Err(Problem::new(Kind::Busy, "as many plots are being drawn as this server draws at once")
             .with_header("retry-after", "10")),
     }
 }

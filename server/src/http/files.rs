@@ -6,7 +6,6 @@
 use std::fmt::Write as _;
 use std::io;
 use std::ops::Range;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -14,12 +13,14 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use bytes::Bytes;
 use futures_util::stream;
-use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 use crate::artifacts::stream as sending;
 use crate::blobs::Blob;
+use crate::fair_places::Place;
 use crate::http::app::App;
+use crate::http::client;
 use crate::http::coding::takes_gzip;
 use crate::http::conditional;
 use crate::http::problems::of_fault;
@@ -245,14 +246,14 @@ impl Described {
 ///
 /// # Errors
 /// `busy`.
-pub(crate) async fn turn(app: &App) -> Result<OwnedSemaphorePermit, Problem> {
-    let turn = timeout(TURN, Arc::clone(&app.shared.downloads).acquire_owned()).await;
-    if let Ok(Ok(permit)) = turn {
-        return Ok(permit);
+pub(crate) async fn turn(app: &App) -> Result<Place, Problem> {
+    if let Ok(place) = timeout(TURN, app.shared.downloads.wait(&client::current())).await {
+        return Ok(place);
     }
     let most = app.shared.max_downloads;
-    Err(Problem::new(Kind::Busy, format!("{most} results are being sent, as many as may"))
-        .with_header("retry-after", "10"))
+    let of_one = (most / 2).max(1);
+    let detail = format!("{most} results are being sent, as many as may, or {of_one} to this address or key");
+    Err(Problem::new(Kind::Busy, detail).with_header("retry-after", "10"))
 }
 
 /// Blocks as they come, as a body.

@@ -9,6 +9,7 @@ mod app;
 mod auditing;
 mod auth;
 mod body;
+mod client;
 mod coding;
 mod computing;
 mod conditional;

@@ -23,7 +23,7 @@ use crate::http::auditing::Audited;
 use crate::http::problems::{PROBLEM_JSON, Unwritten, unusable};
 use crate::http::response::protect;
 use crate::http::session::Site;
-use crate::http::{access, auth, hosts, session, web};
+use crate::http::{access, auth, client, hosts, session, web};
 use crate::problem::{Kind, Problem};
 
 const REQUEST_ID: &str = "x-request-id";
@@ -83,9 +83,11 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         };
         match admitted.await {
             Ok(caller) => {
+                let of = client::client(&client, &caller);
                 request.extensions_mut().insert(caller);
                 request.extensions_mut().insert(site);
-                AssertUnwindSafe(next.run(request)).catch_unwind().await.unwrap_or_else(|_| {
+                let answer = client::answering(of, next.run(request));
+                AssertUnwindSafe(answer).catch_unwind().await.unwrap_or_else(|_| {
                     tracing::error!("the handler panicked");
                     Problem::internal().into_response()
                 })

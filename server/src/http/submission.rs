@@ -1,6 +1,5 @@
 //! What all submissions share: the `Idempotency-Key` and the digest of a body's content.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::HeaderMap;
@@ -10,6 +9,7 @@ use tokio::time::timeout;
 use crate::failure::Failure;
 use crate::hex;
 use crate::http::app::App;
+use crate::http::client;
 use crate::http::computing::busy;
 use crate::problem::{Fault, Problem};
 
@@ -26,8 +26,8 @@ pub(crate) async fn read_apart<T: Send + 'static>(
     app: &App,
     read: impl FnOnce(&dyn Fn() -> bool) -> Result<T, Failure> + Send + 'static,
 ) -> Result<T, Problem> {
-    let place = timeout(LONGEST_WAIT, Arc::clone(&app.shared.large_bodies).acquire_owned()).await;
-    let Ok(Ok(place)) = place else { return Err(busy()) };
+    let place = timeout(LONGEST_WAIT, app.shared.large_bodies.wait(&client::current())).await;
+    let Ok(place) = place else { return Err(busy()) };
     let reading = app.shared.compute.run(move |turn| {
         let _place = place;
         read(&|| turn.go_on())

@@ -1,6 +1,5 @@
 //! Bodies of any length, piece by piece, for a function that blocks its thread.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -12,6 +11,7 @@ use tokio::time::{Instant, timeout, timeout_at};
 use crate::config::MAX_UPLOADS;
 use crate::http::app::App;
 use crate::http::body::linger;
+use crate::http::client;
 use crate::http::pace::Pace;
 use crate::problem::{Kind, Problem};
 use crate::tasks;
@@ -62,9 +62,12 @@ pub(super) async fn take<T: Send + 'static>(
     mut body: Body,
     work: impl FnOnce(&mut Pieces) -> T + Send + 'static,
 ) -> Result<T, Problem> {
-    let Ok(Ok(turn)) = timeout(TURN, Arc::clone(&app.shared.uploads).acquire_owned()).await else {
+    let Ok(turn) = timeout(TURN, app.shared.uploads.wait(&client::current())).await else {
         linger(body);
-        let detail = format!("{MAX_UPLOADS} files of workers are being taken in, as many as may");
+        let detail = format!(
+            "{MAX_UPLOADS} files of workers are being taken in, as many as may, or {} of this address or key",
+            MAX_UPLOADS / 2
+        );
         return Err(Problem::new(Kind::Busy, detail).with_header("retry-after", "5"));
     };
     let (sender, receiver) = mpsc::channel(PIECES);

@@ -18,6 +18,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
 
+use crate::artifacts::conversions;
 use crate::artifacts::read::StoredResult;
 use crate::artifacts::stream as conversion;
 use crate::disk::is_passing;
@@ -175,6 +176,7 @@ async fn page(
     let permit = files::turn(app).await?;
     let artifacts = app.shared.artifacts.clone();
     let (result, measured) = blocking(job.id, move || {
+        let _converting = conversions::begin();
         let (result, mut measured) = (artifacts.read(&artifact)?, Measured::default());
         page::write(result.head(), &result, &mut measured)?;
         Ok((result, measured))

@@ -406,7 +406,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
         unchecked: shared.store.unchecked().await?,
         blocked_workers: faulty.iter().filter(|worker| worker.is_blocked()).count(),
         webhooks_waiting: shared.store.waiting_deliveries().await?,
-        results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.available_permits()),
+        results_being_sent: shared.max_downloads.saturating_sub(shared.downloads.free()),
     };
     let mut response = shared.metrics.render(&gauges).into_response();
     let text = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
