@@ -372,6 +372,15 @@ async fn streams_that_are_closed_full_or_unread_do_not_stop_a_command() {
     let ended = shell(folder, "packstone key lab --add-to keys >/dev/full").await;
     assert_eq!(ended.code, Some(6), "{ended:?}");
     assert_eq!(fs::read_to_string(folder.join("keys")).unwrap_or_default(), "");
+    for command in ["key lab --add-to keys >&-", "key lab >&-", "webhook-secret >&-"] {
+        let ended = shell(folder, &format!("packstone {command}")).await;
+        assert_eq!(ended.code, Some(6), "{ended:?}");
+        assert!(ended.stderr.contains("standard output is closed"), "{ended:?}");
+        assert!(!folder.join("keys").exists());
+    }
+    // Who throws it away in so many words has decided it.
+    let ended = shell(folder, "packstone key lab --add-to keys >/dev/null").await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
     let ended = shell(folder, "packstone plan job.json >/dev/full").await;
     assert_eq!(ended.code, Some(6), "{ended:?}");
 }

@@ -522,6 +522,41 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
     server.stop().await;
 }
 
+#[tokio::test]
+async fn a_worker_goes_on_with_the_key_that_its_file_has_after_a_rotation() {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let mut made = Vec::new();
+    for (name, role) in [("root", "admin"), ("before", "worker"), ("after", "worker")] {
+        let printed = packstone(folder.path(), &["key", name, "--role", role]).await.stdout;
+        let (key, line) = printed.split_once('\n').unwrap();
+        made.push((key.to_owned(), line.to_owned()));
+    }
+    let at = |name: &str| folder.path().join(name);
+    // Both files are replaced in one step.
+    let put = |name: &str, text: String| {
+        std::fs::write(at("new"), text).unwrap();
+        std::fs::rename(at("new"), at(name)).unwrap();
+    };
+    put("keys", format!("{}{}", made[0].1, made[1].1));
+    put("key", made[1].0.clone());
+    let server = Launch::new(&data_dir)
+        .workers(0)
+        .env("PACKSTONE_API_KEYS_FILE", at("keys").to_str().unwrap())
+        .start()
+        .await;
+    let root = server.client().with_key(&made[0].0);
+    let worker = worker(folder.path(), &server, "w", &["--key-file", "key"]);
+    root.succeed(&jobs::quick(1)).await;
+    put("key", made[2].0.clone());
+    put("keys", format!("{}{}", made[0].1, made[2].1));
+    let old = server.client().with_key(&made[1].0);
+    let refused = async { while old.get("/v1/key").send().await.status.as_u16() != 401 {} };
+    patiently("the old key to be refused", refused).await;
+    root.succeed(&jobs::quick(2)).await;
+    drop(worker);
+    server.stop().await;
+}
+
 pub(crate) fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().fold(String::new(), |mut text, byte| {
         write!(text, "{byte:02x}").unwrap();

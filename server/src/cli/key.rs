@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::exit::{Exit, Failure};
-use super::print;
+use super::{check_output, print};
 use crate::accounts::{self, AddError, Role, add_line, checked_name, checked_owner, read_rate};
 use crate::telemetry::say;
 
@@ -56,6 +56,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     ];
     words.extend(quotas.iter().filter_map(|(name, bound)| Some(format!("{name}={}", (*bound)?))));
     words.extend(options.max_requests_per_second.map(|rate| format!("max_requests_per_second={rate}")));
+    check_output()
+        .map_err(|error| Exit::Machine.because(format_args!("no key was made or added: {error}")))?;
     let (key, line) = accounts::generate(&options.name, &words);
     let Some(file) = &options.add_to else {
         say("The key, shown only now; clients send it as `Authorization: Bearer KEY`:");

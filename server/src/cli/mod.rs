@@ -156,6 +156,23 @@ fn print_files<'a>(files: impl IntoIterator<Item = &'a std::path::PathBuf>) -> R
     }
 }
 
+/// Makes sure that somebody can read standard output, for a secret that is shown once. The runtime of Rust opens
+/// `/dev/null` to read and write where a process begins with a closed standard output, and what a program prints there
+/// is taken without an error. `> /dev/null` of a shell opens it to write alone: who says so has decided it.
+fn check_output() -> std::io::Result<()> {
+    use std::os::unix::fs::MetadataExt as _;
+    let out = std::io::stdout();
+    let device = |found: u64, mode: u32| (found, mode & 0o170_000);
+    let null = std::fs::metadata("/dev/null")?;
+    let found = rustix::fs::fstat(&out)?;
+    let is_null = device(found.st_rdev, found.st_mode) == device(null.rdev(), null.mode());
+    if is_null && rustix::fs::fcntl_getfl(&out)?.contains(rustix::fs::OFlags::RDWR) {
+        let what = "standard output is closed, or /dev/null: nobody can read what is shown only now";
+        return Err(std::io::Error::other(what));
+    }
+    Ok(())
+}
+
 /// Prints to standard output; a reader that has left ends the command.
 fn print(text: &str) -> Result<(), Failure> {
     use std::io::Write as _;

@@ -1,7 +1,5 @@
 //! `packstone worker`: runs jobs of a server on this machine.
 
-use std::fs::File;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -41,8 +39,6 @@ const STOP_BEFORE: Duration = Duration::from_mins(1);
 const STOP_RUNS: Duration = Duration::from_secs(55);
 /// Time between two checkpoints that are sent to the server, by default.
 const SEND_CHECKPOINTS_EVERY_S: f64 = 600.0;
-/// Longest file of a key that is read.
-const MOST_KEY_BYTES: u64 = 1 << 16;
 /// What a shell reports of a process that an interrupt ended.
 const INTERRUPTED: i32 = 130;
 
@@ -52,7 +48,8 @@ pub(super) struct Options {
     /// URL of the server, as `http://10.0.0.5:8080` or `https://packstone.example`
     #[arg(long, env = "PACKSTONE_SERVER", value_name = "URL")]
     server: String,
-    /// File with an API key of the role `worker` (see `packstone key`); none where the server asks for no keys
+    /// File with an API key of the role `worker` (see `packstone key`), read again when the server refuses the key;
+    /// none where the server asks for no keys
     #[arg(long, env = "PACKSTONE_KEY_FILE", value_name = "FILE")]
     key_file: Option<PathBuf>,
     /// Jobs that run at once, of which one with several threads counts as so many [default: the number of cores, in a
@@ -95,9 +92,8 @@ fn name(text: &str) -> Result<String, String> {
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     telemetry::start(options.log_format, "info");
-    let key = options.key_file.as_deref().map(read_key).transpose()?;
-    let server = Server::new(&options.server, key.as_deref())
-        .map_err(|fault| Exit::BadInput.because(format_args!("--server: {fault}")))?;
+    let server = Server::new(&options.server, options.key_file.as_deref())
+        .map_err(|fault| Exit::BadInput.because(fault))?;
     let until = options.until.as_deref().map(end_of_time).transpose()?;
     let slots = options.slots.unwrap_or_else(cores);
     let name = options
@@ -233,18 +229,6 @@ fn stop_on_signals(shutdown: CancellationToken) -> Result<(), Failure> {
         }
     });
     Ok(())
-}
-
-fn read_key(file: &Path) -> Result<String, Failure> {
-    let mut text = String::new();
-    let read = File::open(file).and_then(|file| file.take(MOST_KEY_BYTES).read_to_string(&mut text));
-    read.map_err(|error| cannot_be("read", file, &error))?;
-    let key = text.trim();
-    if key.is_empty() || key.contains(char::is_whitespace) {
-        let text = format!("{} must have one line, the API key", file.display());
-        return Err(Exit::BadInput.because(text));
-    }
-    Ok(key.to_owned())
 }
 
 /// When this worker is to stop, by the time at which it must have ended.

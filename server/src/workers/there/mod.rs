@@ -10,6 +10,7 @@
 
 mod claiming;
 mod exports;
+mod key;
 mod server;
 
 use std::collections::HashMap;

@@ -1,7 +1,9 @@
 //! The server of a worker: requests with the key, and answers or reasons why there are none.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Seek as _};
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
@@ -17,6 +19,7 @@ use tokio::io::AsyncReadExt as _;
 use tokio::time::timeout;
 use tokio_util::io::ReaderStream;
 
+use super::key::ApiKey;
 use crate::http_client::{ClientError, Kept, Origin};
 
 /// Time for an answer, beside the time for which it may be held back.
@@ -93,28 +96,21 @@ pub(crate) struct Server {
     service: Kept,
     /// Path before `/v1`, where a proxy has one.
     prefix: String,
-    authorization: Option<HeaderValue>,
+    key: Arc<ApiKey>,
 }
 
 impl Server {
-    /// The server at a URL, with an API key where it asks for one.
+    /// The server at a URL, with the file of an API key where it asks for one.
     ///
     /// # Errors
     /// What is wrong with the URL or the key, in one sentence.
-    pub(crate) fn new(url: &str, key: Option<&str>) -> Result<Self, String> {
-        let uri: Uri = url.parse().map_err(|error| format!("{url:?} is no URL: {error}"))?;
-        let origin = Origin::of(&uri).map_err(|fault| format!("{url:?} {fault}"))?;
-        let authorization = match key {
-            None => None,
-            Some(key) => {
-                let mut value = HeaderValue::try_from(format!("Bearer {key}"))
-                    .map_err(|_| "the API key must be one line of ASCII".to_owned())?;
-                value.set_sensitive(true);
-                Some(value)
-            }
-        };
+    pub(crate) fn new(url: &str, key_file: Option<&Path>) -> Result<Self, String> {
+        let uri: Uri = url.parse().map_err(|error| format!("--server: {url:?} is no URL: {error}"))?;
+        let origin = Origin::of(&uri).map_err(|fault| format!("--server: {url:?} {fault}"))?;
+        let named = |error| format!("--key-file {}: {error}", key_file.unwrap_or(Path::new("")).display());
+        let key = Arc::new(ApiKey::of(key_file).map_err(named)?);
         let prefix = uri.path().trim_end_matches('/').to_owned();
-        Ok(Self { service: Kept::to(origin), prefix, authorization })
+        Ok(Self { service: Kept::to(origin), prefix, key })
     }
 
     /// POST of a JSON document whose answer may be held back for so long; `None` where it has no content.
@@ -131,7 +127,9 @@ impl Server {
         {
             fields.push((hyper::header::HeaderName::from_static("prefer"), prefer));
         }
-        let response = self.send(Method::POST, path, Body::from(body), &fields, wait + ANSWER).await?;
+        let body = Bytes::from(body);
+        let send = || self.send(Method::POST, path, Body::from(body.clone()), &fields, wait + ANSWER);
+        let response = self.with_key(send).await?;
         if response.status() == StatusCode::NO_CONTENT {
             return Ok(None);
         }
@@ -141,15 +139,21 @@ impl Server {
     /// PUT of a file as it lies, behind `head`.
     pub(super) async fn put_file(&self, path: &str, head: Vec<u8>, file: File) -> Result<(), ServerError> {
         let length = head.len() as u64 + file.metadata()?.len();
-        let file = tokio::fs::File::from_std(file);
+        let (head, begin) = (Bytes::from(head), file);
         let fields = [
             (CONTENT_LENGTH, HeaderValue::from(length)),
             (CONTENT_TYPE, HeaderValue::from_static("application/octet-stream")),
         ];
         let limit = ANSWER + Duration::from_secs(length / LEAST_SPEED);
-        let file = io::Cursor::new(head).chain(file);
-        let body = Body::from_stream(ReaderStream::with_capacity(file, 1 << 18));
-        let answer = self.send(Method::PUT, path, body, &fields, limit).await?;
+        let send = || async {
+            let mut file = begin.try_clone()?;
+            // Both have one position.
+            file.rewind()?;
+            let file = io::Cursor::new(head.clone()).chain(tokio::fs::File::from_std(file));
+            let body = Body::from_stream(ReaderStream::with_capacity(file, 1 << 18));
+            self.send(Method::PUT, path, body, &fields, limit).await
+        };
+        let answer = self.with_key(send).await?;
         // What it says is not needed, but the connection is used again only when it was read.
         let answer = http_body_util::Limited::new(answer.into_body(), MAX_JSON_BYTES).collect();
         let _ = timeout(ANSWER, answer).await;
@@ -162,7 +166,8 @@ impl Server {
         path: &str,
         mut keep: impl FnMut(&Bytes) -> io::Result<()>,
     ) -> Result<(), ServerError> {
-        let mut body = self.send(Method::GET, path, Body::empty(), &[], ANSWER).await?.into_body();
+        let send = || self.send(Method::GET, path, Body::empty(), &[], ANSWER);
+        let mut body = self.with_key(send).await?.into_body();
         loop {
             let frame = timeout(ANSWER, body.frame()).await.map_err(|_| too_late())?;
             let Some(frame) = frame else { return Ok(()) };
@@ -170,6 +175,22 @@ impl Server {
             if let Some(data) = frame.data_ref() {
                 keep(data)?;
             }
+        }
+    }
+
+    /// Sends a request; once more where the server has refused the key and its file has another one by now.
+    async fn with_key<Sending>(&self, send: impl Fn() -> Sending) -> Result<Response<Incoming>, ServerError>
+    where
+        Sending: Future<Output = Result<Response<Incoming>, ServerError>>,
+    {
+        let sent = self.key.authorization();
+        match send().await {
+            Err(ServerError::Refused { status: StatusCode::UNAUTHORIZED, .. })
+                if self.key.has_changed(sent.as_ref()) =>
+            {
+                send().await
+            }
+            answered => answered,
         }
     }
 
@@ -185,7 +206,7 @@ impl Server {
         for (name, value) in fields {
             request = request.header(name, value);
         }
-        if let Some(authorization) = &self.authorization {
+        if let Some(authorization) = self.key.authorization() {
             request = request.header(AUTHORIZATION, authorization);
         }
         let request = request.body(body).map_err(ClientError::from)?;
