@@ -55,6 +55,7 @@ mod operations;
 mod packing_files;
 mod packings;
 mod partial;
+mod plane_models;
 mod planning;
 mod plots;
 mod postgres;

@@ -27,6 +27,28 @@ fn job() -> Value {
     })
 }
 
+/// The job with materials of one Poisson's ratio.
+fn job_with_materials() -> Value {
+    let mut job = job();
+    job["materials"] = json!({
+        "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2, "expansion_1_k": 1.1e-5},
+        "aggregate": {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2, "expansion_1_k": 8e-6}});
+    job
+}
+
+/// Young's modulus of the bounds of Hashin and Shtrikman (1963, 10.1016/0022-5096(63)90060-7) for the share of stiff
+/// spheres in the materials of the job: the matrix around them is the lower one, the other way round the upper one.
+fn hashin_shtrikman_gpa(share: f64) -> [f64; 2] {
+    let moduli = |e: f64| (e / (3.0 * (1.0 - 0.4)), e / (2.0 * 1.2));
+    [(25.0, 70.0, share), (70.0, 25.0, 1.0 - share)].map(|(outer, inner, inside)| {
+        let ((k1, g1), (k2, g2)) = (moduli(outer), moduli(inner));
+        let k = k1 + inside / (1.0 / (k2 - k1) + 3.0 * (1.0 - inside) / (3.0 * k1 + 4.0 * g1));
+        let shear = 6.0 * (1.0 - inside) * (k1 + 2.0 * g1) / (5.0 * g1 * (3.0 * k1 + 4.0 * g1));
+        let g = g1 + inside / (1.0 / (g2 - g1) + shear);
+        9.0 * k * g / (3.0 * k + g)
+    })
+}
+
 /// The Python with Gmsh, and the program of Debian: those that there are.
 fn installed() -> Option<(PathBuf, Vec<PathBuf>)> {
     let lacks = |lacks: &str| machine::skip("PACKSTONE_PYTHON", lacks, "Tetrahedra were not made.");
@@ -259,5 +281,158 @@ async fn a_service_makes_tetrahedra_and_remembers_by_which_gmsh() {
     server.stop().await;
     let server = Launch::new(&data_dir).args(&["--gmsh", python.to_str().unwrap()]).start().await;
     assert_eq!(server.client().get(&path).send().await.expect(200).body, first);
+    server.stop().await;
+}
+
+fn read(file: &Path) -> Value {
+    let text = fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    serde_json::from_slice(&text).unwrap()
+}
+
+#[tokio::test]
+async fn one_command_goes_from_a_mix_to_the_modulus_of_tetrahedra() {
+    let Some((python, all)) = installed() else { return };
+    if let Some(missing) = machine::missing(&["ccx"]) {
+        return machine::skip("PACKSTONE_PYTHON", &missing, "No deck was solved.");
+    }
+    for gmsh in all {
+        let directory = tempfile::tempdir().unwrap();
+        let folder = directory.path();
+        fs::write(folder.join("job.json"), job_with_materials().to_string()).unwrap();
+        // One command for each, so that none is long on a busy machine.
+        for (name, options) in [
+            ("segments-10", ""),
+            ("segments-10.order-2", ",order=2"),
+            ("shear_xy.segments-10.order-2", ",order=2,load=shear_xy"),
+            ("temperature.segments-10.order-2", ",order=2,load=temperature"),
+        ] {
+            let text = format!("elements=tetrahedra,segments=10{options}");
+            let gmsh = gmsh.to_str().unwrap();
+            let args = ["run", "job.json", "--out", name, "--gmsh", gmsh, "--solve", &text];
+            let ended = packstone(folder, &args).await;
+            assert_eq!(ended.code, Some(0), "{ended:?}");
+        }
+        let of = |name: &str, file: &str| folder.join(format!("{name}/result.deck.tetrahedra.{name}/{file}"));
+        let solution = |name: &str| {
+            let solution = read(&of(name, "solution.json"));
+            assert!(solution["imbalance"].as_f64().unwrap() < 1e-6, "{solution:#}");
+            assert!(solution["stray_stress"].as_f64().unwrap_or_default() < 1e-6, "{solution:#}");
+            solution
+        };
+        let figures = read(&of("segments-10.order-2", "deck.json"));
+        assert_eq!((&figures["elements"], &figures["element_type"]), (&json!("tetrahedra"), &json!("C3D10")));
+        assert!(figures["tetrahedra"]["mesher"].as_str().unwrap().starts_with("Gmsh 4."), "{figures:#}");
+        let volume = |phase: usize| figures["phases"][phase]["volume_mm3"].as_f64().unwrap();
+        assert!((volume(0) + volume(1) - 24.0 * 20.0 * 18.0).abs() < 1e-5, "{figures:#}");
+        let share = volume(1) / (24.0 * 20.0 * 18.0);
+        let [lower, upper] = hashin_shtrikman_gpa(share);
+        let quadratic = solution("segments-10.order-2");
+        let e = quadratic["youngs_modulus_gpa"].as_f64().unwrap();
+        let linear = solution("segments-10")["youngs_modulus_gpa"].as_f64().unwrap();
+        assert!(lower < e && e < upper && e < linear, "{lower} {e} {upper} {linear}");
+        for ratio in quadratic["poissons_ratios"].as_array().unwrap() {
+            assert!((ratio.as_f64().unwrap() - 0.2).abs() < 0.01, "{quadratic:#}");
+        }
+        let g = solution("shear_xy.segments-10.order-2")["shear_modulus_gpa"].as_f64().unwrap();
+        // An isotropic solid with Poisson's ratio of both phases has it too, nearly.
+        assert!((e / (2.4 * g) - 1.0).abs() < 0.03, "{e} {g}");
+        for alpha in solution("temperature.segments-10.order-2")["expansion_1_k"].as_array().unwrap() {
+            assert!((8e-6..1.1e-5).contains(&alpha.as_f64().unwrap()));
+        }
+        // The fields of the answer have all elements, and a displacement of the moved plate alone at its nodes.
+        const FIELDS: &str = "import sys, meshio, numpy\nmesh = meshio.read(sys.argv[1])\n\
+            u, z = mesh.point_data['displacement'], mesh.points[:, 2]\n\
+            assert mesh.cells[0].type == 'tetra10' and len(mesh.cells[0].data) == int(sys.argv[2])\n\
+            assert numpy.allclose(u[z > 17.999, 2], 0.0018, rtol=1e-5) and numpy.allclose(u[z < 1e-3, 2], 0)\n\
+            assert set(mesh.cell_data['phase'][0]) == {0, 1} and numpy.isfinite(mesh.point_data['stress']).all()\n";
+        let mut command = Command::new(&python);
+        command.args(["-c", FIELDS]).arg(of("segments-10.order-2", "solution.vtu"));
+        command.arg(figures["number_of_elements"].to_string());
+        let ended = run(command).await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+    }
+}
+
+/// A cylinder of one material has its constants exactly, whatever grains divide its mesh.
+#[tokio::test]
+async fn a_cylinder_of_one_material_has_its_constants() {
+    let Some((python, _)) = installed() else { return };
+    if let Some(missing) = machine::missing(&["ccx"]) {
+        return machine::skip("PACKSTONE_PYTHON", &missing, "No deck was solved.");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let mut job = job_with_materials();
+    job["specimen"] = json!({"type": "cylinder", "diameter_mm": 18, "height_mm": 20});
+    job["mix"]["volume_fraction"] = json!(0.4);
+    job["mix"]["allow_coarse"] = json!(true);
+    job["materials"]["aggregate"] = job["materials"]["matrix"].clone();
+    fs::write(folder.join("job.json"), job.to_string()).unwrap();
+    let mut args = vec!["run", "job.json", "--gmsh", python.to_str().unwrap()];
+    let options = "elements=tetrahedra,order=2,target_elements=4000";
+    let heated = format!("{options},load=temperature");
+    args.extend(["--solve", options, "--solve", &heated]);
+    let ended = packstone(folder, &args).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let solution = |name: &str| {
+        read(&folder.join(format!("result.deck.tetrahedra.{name}order-2.target_elements-4000/solution.json")))
+    };
+    let near = |value: &Value, expected: f64| {
+        assert!((value.as_f64().unwrap() / expected - 1.0).abs() < 1e-6, "{value}, not {expected}");
+    };
+    let stretched = solution("");
+    near(&stretched["youngs_modulus_gpa"], 25.0);
+    near(&stretched["poissons_ratios"][0], 0.2);
+    for alpha in solution("temperature.")["expansion_1_k"].as_array().unwrap() {
+        near(alpha, 1.1e-5);
+    }
+    let sheared = ["run", "job.json", "--out", "sheared", "--solve", "elements=tetrahedra,load=shear_xy"];
+    let refused = packstone(folder, &sheared).await;
+    assert_eq!((refused.code, folder.join("sheared").exists()), (Some(3), false), "{refused:?}");
+    assert!(refused.stderr.contains("shear_xy is no load of a cylinder"), "{refused:?}");
+}
+
+#[tokio::test]
+async fn the_service_makes_decks_of_tetrahedra_and_refuses_those_that_cannot_be() {
+    let Some((python, _)) = installed() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--gmsh", python.to_str().unwrap()]).start().await;
+    let client = server.client();
+    let mut job = job_with_materials();
+    job["postprocess"] =
+        json!([{"type": "deck", "elements": "tetrahedra", "segments": 8, "solver": "abaqus"}]);
+    let done = client.succeed(&job).await;
+    let path = format!("/v1/jobs/{}/exports/deck?elements=tetrahedra&solver=abaqus", id_of(&done));
+    let zip = client.get(&format!("{path}&segments=8")).send().await.expect(200).body.clone();
+    let status = client.get(&format!("{path}&segments=8").replace("deck?", "deck/status?")).send().await;
+    assert_eq!(status.expect(200).json()["kept"], true);
+    fs::write(folder.join("job.json"), job_with_materials().to_string()).unwrap();
+    let export = "deck:elements=tetrahedra,segments=8,solver=abaqus";
+    let gmsh = ["--gmsh", python.to_str().unwrap()];
+    let ended = packstone(folder, &[&["run", "job.json", "--export", export], &gmsh[..]].concat()).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    // The head states the digest of the stored result, which a file of the command does not have.
+    let of_command = fs::read(folder.join("result.deck.tetrahedra.abaqus.segments-8.zip")).unwrap();
+    let mesh = |zip: &[u8]| {
+        let mut archive = zip::ZipArchive::new(std::io::Cursor::new(zip)).unwrap();
+        let mut text = String::new();
+        std::io::Read::read_to_string(&mut archive.by_name("mesh.inp").unwrap(), &mut text).unwrap();
+        text.lines().filter(|line| !line.contains("Packing: seed")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(mesh(&zip), mesh(&of_command));
+    assert!(mesh(&zip).iter().any(|line| line.starts_with("*ELEMENT, TYPE=C3D4, ELSET=aggregates")));
+    for (option, parameter) in [("cells=9", "cells"), ("order=3", "order"), ("tet_growth=2", "tet_growth")] {
+        let problem =
+            client.get(&format!("{path}&{option}")).send().await.expect_problem(400, "validation-error");
+        assert_eq!(problem["errors"][0]["parameter"], parameter, "{problem:#}");
+    }
+    let mut periodic = job_with_materials();
+    periodic["specimen"]["boundary"] = json!("periodic");
+    periodic["postprocess"] = json!([{"type": "deck", "elements": "tetrahedra"}]);
+    let problem =
+        client.post("/v1/jobs").json(&periodic).send().await.expect_problem(422, "format-not-available");
+    assert!(problem.to_string().contains("ask for voxels"), "{problem:#}");
     server.stop().await;
 }

@@ -9,7 +9,7 @@ import { faultOf, numberOf, parse } from "./numbers.js";
  * @type {Record<string, Option>}
  */
 const OPTIONS = {
-  segments: { label: "Segments of a circumference", hint: "16 where no edge length is given" },
+  segments: { label: "Segments of a circumference", hint: "16 where no edge length is given, 20 of a cut" },
   size_mm: { label: "Edge length", unit: "mm", hint: "in place of segments" },
   min_size_mm: { label: "Shortest edge", unit: "mm" },
   max_size_mm: { label: "Longest edge", unit: "mm" },
@@ -17,8 +17,13 @@ const OPTIONS = {
   max_segments: { label: "Most segments where grains are close" },
   volume_correction: { label: "Volume of the polyhedra", choices: ["scaled", "none"] },
   faces: { label: "Faces of polyhedra", choices: ["simplified", "exact"], hint: "exact keeps narrow faces" },
-  elements: { label: "Elements", choices: ["", "tetrahedra"], hint: "tetrahedra are made by Gmsh" },
-  order: { label: "Order of the tetrahedra", value: 1, hint: "2 has mid nodes" },
+  elements: {
+    label: "Elements",
+    choices: ["", "tetrahedra", "triangles"],
+    hint: "tetrahedra, and triangles of a cut, are made by Gmsh",
+  },
+  order: { label: "Order of the elements", value: 1, hint: "2 has mid nodes" },
+  plane: { label: "Across a cut: no", choices: ["stress", "strain"] },
   tet_size_mm: { label: "Longest edge on a grain", unit: "mm" },
   tet_size_matrix_mm: { label: "Longest edge away from grains", unit: "mm" },
   target_elements: { label: "Tetrahedra to aim at", hint: "in place of segments and lengths" },

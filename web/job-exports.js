@@ -96,7 +96,10 @@ export class ExportPart {
     );
     this.kinds.push(...FOR_PROGRAMS);
     const fits = this.kinds.filter(
-      ({ type }) => type !== "slice" && (this.shapes || (type !== "shapes" && type !== "certificates")),
+      ({ type, format }) =>
+        // Pictures of cuts have a part of the page of their own.
+        (type !== "slice" || ["msh", "inp", "vtu"].includes(format)) &&
+        (this.shapes || (type !== "shapes" && type !== "certificates")),
     );
     const groups = [...new Set(fits.map(({ type }) => type))];
     replace(
@@ -198,7 +201,7 @@ export class ExportPart {
     clearTimeout(this.again);
     if (!this.element.isConnected) return;
     const { items } = await get(this.job.links.exports);
-    const made = items.filter((/** @type {any} */ e) => e.kept || e.type !== "slice");
+    const made = items.filter((/** @type {any} */ e) => e.kept || e.type !== "slice" || e.report?.triangles);
     const open = made.some((/** @type {any} */ e) => e.state === "queued" || e.state === "running");
     const focus = document.activeElement?.getAttribute("data-of");
     replace(

@@ -86,7 +86,8 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
 
 fn write_slices(directory: &Path, model: &Model<'_>, at: f64) {
     for axis in ["x", "y", "z"] {
-        for format in slice::SliceFormat::ALL {
+        // Triangles are made by Gmsh, which the engine does not start: `tests/plane_models.rs` has them.
+        for format in slice::SliceFormat::ALL.into_iter().filter(|format| !format.has_triangles()) {
             let mut options = json!({"format": format, "axis": axis, "at_mm": at});
             if format == slice::SliceFormat::Png {
                 options["pixels"] = json!(400);

@@ -204,7 +204,10 @@ def check_geo(path, cut):
     polygon = math.sin(2 * math.pi / SEGMENTS) / (2 * math.pi / SEGMENTS)
     expect(polygon - 1e-6 <= total / cut["area_mm2"] <= 1 + 1e-9, path, total, cut["area_mm2"])
     found, exact = areas["aggregates"], cut["aggregate_area_mm2"]
-    expect(polygon - 1e-6 <= found / exact <= 1 + 1e-9, path, found, exact)
+    if cut["circle_count"]:
+        # Polygons of the area of the circles; those that the edges of a periodic cut clip have it nearly.
+        expect(abs(found / exact - 1) < (2e-3 if "periodic" in str(path) else 1e-9), path, found, exact)
+    expect(polygon - 1e-6 <= found / exact <= 1 + 2e-3, path, found, exact)
     if cut["outline"]["type"] == "rectangle":
         (u0, u1), (v0, v1) = cut["outline"]["u_mm"], cut["outline"]["v_mm"]
         around = sum(areas[edge] for edge in edges)

@@ -78,7 +78,7 @@ impl ExportType {
         match self {
             Self::Mesh => &mesh::FORMATS,
             Self::Voxels => &["vti", "raw", "inp", "npy"],
-            Self::Slice => &["svg", "png", "json", "geo"],
+            Self::Slice => &["svg", "png", "json", "geo", "msh", "inp", "vtu"],
             Self::Deck => &["zip"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
             Self::Certificates | Self::Shapes => &["csv", "json"],
@@ -97,12 +97,6 @@ impl ExportType {
         });
         names.retain(|name| *name != "format");
         names
-    }
-
-    /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take
-    /// minutes.
-    pub fn is_quick(self) -> bool {
-        matches!(self, Self::Slice)
     }
 
     fn read_options(self, object: &mut Object<'_>) -> Option<ExportRequest> {
@@ -195,6 +189,7 @@ impl ExportReport {
         match self {
             Self::Mesh(report) => report.warnings(),
             Self::Deck(report) => &report.warnings,
+            Self::Slice(slice::SliceReport { triangles: Some(triangles), .. }) => &triangles.warnings,
             _ => &[],
         }
     }
@@ -259,8 +254,8 @@ impl ExportRequest {
         match self {
             Self::Mesh(mesh) => mesh.format(),
             Self::Voxels(options) => options.format.name(),
-            Self::Slice(options) => options.format.name(),
-            Self::Deck(options) => options.format.name(),
+            Self::Slice(options) => options.cut.format.name(),
+            Self::Deck(options) => options.case.format.name(),
             Self::Ldpm(options) => options.format.name(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
@@ -311,6 +306,11 @@ impl ExportRequest {
                 computation: None,
                 warnings: Vec::new(),
             }),
+            Self::Deck(deck::DeckOptions { mesh: deck::DeckMesh::Tetrahedra(own), .. }) => {
+                let (bytes, mesh) = own.alone().estimate(model)?;
+                let bytes = bytes / deck::DEFLATED;
+                Ok(ExportEstimate { bytes, mesh, computation: None, warnings: Vec::new() })
+            }
             other => Ok(other.estimate_of(model.specimen, model.materials, &grains)),
         }
     }
@@ -327,6 +327,11 @@ impl ExportRequest {
     ) -> Result<ExportEstimate, ExportError> {
         if let Self::Mesh(mesh) = self {
             let (bytes, mesh, warnings) = mesh.estimate_from_plan(request, plan)?;
+            return Ok(ExportEstimate { bytes, mesh, computation: None, warnings });
+        }
+        if let Self::Deck(deck::DeckOptions { mesh: deck::DeckMesh::Tetrahedra(own), .. }) = self {
+            let (bytes, mesh, warnings) = own.alone().estimate_from_plan(request, plan)?;
+            let bytes = bytes / deck::DEFLATED;
             return Ok(ExportEstimate { bytes, mesh, computation: None, warnings });
         }
         let mean = |class: &ClassPlan| (class.d_min_mm * class.d_max_mm).sqrt();
@@ -363,7 +368,7 @@ impl ExportRequest {
             Self::Mesh(_) => 0,
             Self::Voxels(options) => voxels::expected_bytes(specimen, options, &grains.interfaces),
             Self::Slice(options) => slice::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
-            Self::Deck(options) => deck::expected_bytes(specimen, options),
+            Self::Deck(options) => deck::expected_bytes(specimen, options, grains.sum_mm, grains.kind),
             Self::Ldpm(options) => ldpm::expected_bytes(specimen, options, grains.number, grains.least_mm),
             Self::Certificates(_) => certificates::expected_bytes(grains.number),
             Self::Shapes(_) => shapes::expected_bytes(grains.number),
@@ -378,9 +383,20 @@ impl ExportRequest {
         }
     }
 
+    /// Whether it takes less than a second for every packing, so that it need not wait behind exports that take
+    /// minutes.
+    pub fn is_quick(&self) -> bool {
+        matches!(self, Self::Slice(options) if options.triangles.is_none())
+    }
+
     /// Whether it needs [`Model::mesher`].
     pub fn needs_mesher(&self) -> bool {
-        matches!(self, Self::Mesh(mesh) if mesh.tetrahedra().is_some())
+        match self {
+            Self::Mesh(mesh) => mesh.tetrahedra().is_some(),
+            Self::Slice(options) => options.triangles.is_some(),
+            Self::Deck(options) => !matches!(options.mesh, deck::DeckMesh::Voxels(_)),
+            _ => false,
+        }
     }
 
     /// What a checkpoint of the export of a packing belongs to; none where it keeps no checkpoints.
@@ -497,8 +513,8 @@ impl ExportRequest {
         match self {
             Self::Mesh(mesh) => mesh.media_type(),
             Self::Voxels(options) => options.format.media_type(),
-            Self::Slice(options) => options.format.media_type(),
-            Self::Deck(options) => options.format.media_type(),
+            Self::Slice(options) => options.cut.format.media_type(),
+            Self::Deck(options) => options.case.format.media_type(),
             Self::Ldpm(options) => options.format.media_type(),
             Self::Certificates(options) => options.format.media_type(),
             Self::Shapes(options) => options.format.media_type(),
@@ -512,8 +528,8 @@ impl ExportRequest {
         match self {
             Self::Mesh(mesh) => mesh.file_extension(),
             Self::Voxels(options) => options.format.name(),
-            Self::Slice(options) => options.format.name(),
-            Self::Deck(options) => options.format.name(),
+            Self::Slice(options) => options.cut.format.name(),
+            Self::Deck(options) => options.case.format.name(),
             Self::Ldpm(options) => options.format.extension(),
             Self::Certificates(options) => options.format.name(),
             Self::Shapes(options) => options.format.name(),
@@ -524,8 +540,7 @@ impl ExportRequest {
 
     /// Ending of the name of a file that holds it. It tells exports of one packing apart: after the type or format come
     /// the options that differ from the defaults, as in `msh`, `size_mm-0.5.msh`, `grain.vti`, `slice.x.at_mm-20.svg`,
-    /// `ldpm.tets.vtu`,
-    /// `tetrahedra.order-2.inp`.
+    /// `ldpm.tets.vtu`, `tetrahedra.order-2.inp`, `deck.triangles.plane-strain.zip`.
     pub fn file_ending(&self) -> String {
         let extension = self.file_extension();
         let mut parts = match self {
@@ -534,7 +549,10 @@ impl ExportRequest {
             Self::Mesh(_) => Vec::new(),
             Self::Voxels(options) => options.reader.iter().map(|reader| reader.name().to_owned()).collect(),
             Self::Slice(_) => vec!["slice".to_owned()],
-            Self::Deck(_) => vec!["deck".to_owned()],
+            Self::Deck(options) => match options.mesh.elements() {
+                deck::DeckElements::Voxels => vec!["deck".to_owned()],
+                elements => vec!["deck".to_owned(), elements.name().to_owned()],
+            },
             Self::Ldpm(_) => vec!["ldpm".to_owned(), self.format().to_owned()],
             Self::Certificates(_) => vec!["certificates".to_owned()],
             Self::Shapes(_) => vec!["shapes".to_owned()],
@@ -550,6 +568,7 @@ impl ExportRequest {
     fn chosen_options(&self) -> Vec<String> {
         let of_format = match self {
             Self::Voxels(options) => options.reader.map(|reader| ("for", reader.name())),
+            Self::Deck(options) => Some(("elements", options.mesh.elements().name())),
             _ => None,
         };
         let default = Self::from_text(self.export_type(), [of_format.unwrap_or(("format", self.format()))]);
@@ -561,6 +580,7 @@ impl ExportRequest {
         let follows = |name: &str, value: &Value| match (self, name) {
             // Four times the segments and half the fictitious diameter come with those.
             (Self::Mesh(mesh), "max_segments") => mesh.has_default_max_segments(),
+            (Self::Deck(options), "max_segments") => options.mesh.has_default_max_segments(),
             // The name says that there are tetrahedra; they are of the first order where it does not say which.
             (Self::Mesh(_), "elements") => true,
             (Self::Mesh(_), "order") => value.as_u64() == Some(1),

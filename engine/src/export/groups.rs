@@ -1,6 +1,7 @@
 //! Names of the groups that tell several aggregates of a mix apart, the same in all files that have groups.
 
 use super::Model;
+use super::solid::{PhaseRole, PhaseSet};
 
 /// The aggregates of a packing as groups of its grains: none where the mix names no aggregates.
 #[derive(Debug)]
@@ -30,6 +31,16 @@ impl<'a> AggregateGroups<'a> {
     /// Whether there are none, so that all grains are one group.
     pub(super) fn is_empty(&self) -> bool {
         self.names.is_empty()
+    }
+
+    /// Gives the phases that are groups the names of the request.
+    pub(super) fn name_phases(&self, model: &Model<'_>, phases: &mut [PhaseSet]) {
+        let given = model.provenance.map_or(&[][..], |provenance| &provenance.aggregates);
+        for (number, group) in self.with_grains() {
+            if let Some(phase) = phases.iter_mut().find(|phase| phase.name == group) {
+                phase.role = PhaseRole::Aggregate { name: given.get(number).cloned().flatten() };
+            }
+        }
     }
 
     /// The aggregate of a grain, counted from 0; 0 where there are none.

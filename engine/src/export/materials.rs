@@ -20,7 +20,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(options) => options.materials.as_ref(),
             Self::Properties(options) => options.materials.as_ref(),
-            Self::Deck(options) => options.materials.as_ref(),
+            Self::Deck(options) => options.case.materials.as_ref(),
             _ => None,
         }
     }
@@ -30,7 +30,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(options) => Some(&mut options.materials),
             Self::Properties(options) => Some(&mut options.materials),
-            Self::Deck(options) => Some(&mut options.materials),
+            Self::Deck(options) => Some(&mut options.case.materials),
             _ => None,
         }
     }
@@ -67,7 +67,7 @@ impl ExportRequest {
         match self {
             Self::Voxels(_) => moduli_gpa(&phases).map(|_| ()),
             Self::Properties(options) => properties::check_materials(&phases, options),
-            Self::Deck(options) => deck::check_materials(&phases, options),
+            Self::Deck(options) => deck::check_materials(&phases, options.case.load),
             _ => Ok(()),
         }
     }

@@ -12,6 +12,7 @@ mod groups;
 pub mod ldpm;
 mod materials;
 pub mod mesh;
+mod mesher;
 mod npy;
 pub mod picture;
 mod pieces;
@@ -48,11 +49,11 @@ use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
-pub use mesh::tetrahedra::TetrahedronMesher;
+pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.
-pub const REVISION: u32 = 10;
+pub const REVISION: u32 = 11;
 
 /// A finished packing, in memory.
 #[derive(Clone, Copy, Debug)]
@@ -67,8 +68,8 @@ pub struct Model<'a> {
     pub provenance: Option<&'a Provenance>,
     /// The materials that the request of the packing states.
     pub materials: Option<&'a Materials>,
-    /// What fills surfaces with tetrahedra, for the exports that have them.
-    pub mesher: Option<&'a dyn TetrahedronMesher>,
+    /// What makes tetrahedra and triangles, for the exports that have them.
+    pub mesher: Option<&'a dyn Mesher>,
 }
 
 impl<'a> Model<'a> {
@@ -96,9 +97,9 @@ impl<'a> Model<'a> {
         Self { materials, ..self }
     }
 
-    /// The same packing, with what fills its surfaces with tetrahedra.
+    /// The same packing, with what makes its tetrahedra and triangles.
     #[must_use]
-    pub fn with_mesher(self, mesher: &'a dyn TetrahedronMesher) -> Self {
+    pub fn with_mesher(self, mesher: &'a dyn Mesher) -> Self {
         Self { mesher: Some(mesher), ..self }
     }
 }
@@ -118,7 +119,7 @@ pub enum ExportError {
     /// Its own checks failed, which is a defect of this program.
     #[error("the model failed its check: {0}")]
     CheckFailed(String),
-    /// The program that fills surfaces with tetrahedra failed; the text is the cause.
+    /// The program that makes tetrahedra and triangles failed; the text is the cause.
     #[error("{0}")]
     Mesher(String),
     /// It was told to stop.

@@ -1,7 +1,22 @@
-//! Schemas of tables that are written row by row, which no derive makes.
+//! Schemas that no derive makes: of tables that are written row by row, and of objects that are put together.
 
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{Array, ArrayBuilder, ArrayItems, Object, ObjectBuilder, Schema, Type};
+
+/// The schema of one object with the properties of all; of those with the same name the last.
+pub(crate) fn merged<const N: usize>(parts: [RefOr<Schema>; N]) -> RefOr<Schema> {
+    let mut all = Object::new();
+    for part in parts {
+        if let RefOr::T(Schema::Object(part)) = part {
+            all.schema_type = part.schema_type;
+            all.additional_properties = all.additional_properties.or(part.additional_properties);
+            all.description = all.description.or(part.description);
+            all.properties.extend(part.properties);
+            all.required.extend(part.required);
+        }
+    }
+    RefOr::T(Schema::Object(all))
+}
 
 /// The schema of a table: an object with the names of its `columns` and with `rows` of numbers.
 pub(crate) fn table(description: &str, columns: &[&str], row: &str) -> Object {

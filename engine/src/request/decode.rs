@@ -366,6 +366,18 @@ impl<'a> Object<'a> {
         self.map.get(name).is_some_and(|value| !value.is_null())
     }
 
+    /// Reports a fault at each of these members that is given; whether none was.
+    pub fn refuse_all(&mut self, names: &[&'static str], detail: &str) -> bool {
+        let mut none = true;
+        for name in names {
+            if let Some(at) = self.optional(name) {
+                at.fault(detail);
+                none = false;
+            }
+        }
+        none
+    }
+
     /// The field, or a fault that it is missing.
     pub fn required(&mut self, name: &'static str) -> Option<At<'a>> {
         let found = self.optional(name);

@@ -40,11 +40,7 @@ pub(super) fn read(text: &str) -> Result<SolidMesh, SolutionError> {
                 "*NODE" => Block::Nodes,
                 "*ELEMENT" => {
                     let name = parameter(line, "TYPE").ok_or_else(unreadable)?;
-                    let found =
-                        [ElementKind::Tetrahedron4, ElementKind::Tetrahedron10, ElementKind::Hexahedron8]
-                            .into_iter()
-                            .find(|kind| kind.abaqus_name() == name)
-                            .ok_or_else(unreadable)?;
+                    let found = ElementKind::of_abaqus(name).ok_or_else(unreadable)?;
                     if kind.is_some_and(|kind| kind != found) {
                         return Err(unreadable());
                     }

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::control::Control;
-use crate::export::deck::{DeckReport, LateralFaces, Load, PRINTED_SET};
+use crate::export::deck::{DeckReport, Frame, LateralFaces, Load, PRINTED_SET};
 use crate::export::solid::SolidMesh;
 use crate::export::{ExportError, Provenance};
 
@@ -46,9 +46,10 @@ pub enum SolutionError {
 pub struct Solution {
     /// What was done to the specimen.
     pub load: Load,
-    /// Mean stress xx, yy, zz, yz, xz, xy in MPa, positive in tension.
+    /// Mean stress xx, yy, zz, yz, xz, xy in MPa along the axes of the mesh, positive in tension; of a cut the components
+    /// across it are not computed and 0.
     pub mean_stress_mpa: [f64; 6],
-    /// Mean strain along x, y, z, of the plates; of a cylinder the radial strain stands for x and y.
+    /// Mean strain along x, y, z of the mesh, of the plates; of a cut the last is not computed and 0; of a cylinder the radial strain stands for x and y.
     pub mean_strain: [f64; 3],
     /// Young's modulus along the axis of a uniaxial load.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -59,9 +60,9 @@ pub struct Solution {
     /// Shear modulus in the plane of a shear load.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shear_modulus_gpa: Option<f64>,
-    /// Coefficients of linear thermal expansion along x, y, z in 1/K.
+    /// Coefficients of linear thermal expansion in 1/K along the axes of the mesh: x, y, z, or the two of a cut.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub expansion_1_k: Option<[f64; 3]>,
+    pub expansion_1_k: Option<Vec<f64>>,
     /// Reactions on the faces that a load or a support holds, in N.
     pub reactions_n: Vec<FaceReaction>,
     /// Size of the sum of all reactions over the sum of their sizes; of reactions below a thousandth of the force that
@@ -131,17 +132,18 @@ impl Results {
         let strain = self.mean_strain(&printed)?;
         let stress_of = |a: usize, b: usize| f64::midpoint(stress[(a, b)], stress[(b, a)]);
         let mean_stress_mpa = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)].map(|(a, b)| stress_of(a, b));
-        let axis = deck.load.axis();
+        let frame = Frame::of_report(deck);
+        let axis = deck.load.axis().and_then(|axis| frame.place(axis));
         let lateral = |axis: usize| -> Vec<f64> {
-            let axes = (0..3).filter(|lateral| *lateral != axis);
+            let axes = (0..frame.dimension()).filter(|lateral| *lateral != axis);
             let axes = axes.take(if deck.lateral_faces == LateralFaces::Free { 1 } else { 2 });
             axes.map(|lateral| -strain[lateral] / strain[axis]).collect()
         };
-        let plane = deck.load.plane();
+        let plane = deck.load.plane().and_then(|[a, b]| Some([frame.place(a)?, frame.place(b)?]));
         let shear = plane.zip(deck.strain).map(|([a, b], angle)| stress_of(a, b) / angle / 1e3);
         let heated = deck.temperature_change_k;
         let stray_stress = axis.map(|axis| {
-            let lateral = (0..3).filter(|lateral| *lateral != axis);
+            let lateral = (0..frame.dimension()).filter(|lateral| *lateral != axis);
             let largest = lateral.map(|lateral| stress[(lateral, lateral)].abs()).fold(0.0, f64::max);
             largest / stress[(axis, axis)].abs()
         });
@@ -157,7 +159,8 @@ impl Results {
             youngs_modulus_gpa: axis.map(|axis| stress[(axis, axis)] / strain[axis] / 1e3),
             poissons_ratios: axis.map(lateral),
             shear_modulus_gpa: shear,
-            expansion_1_k: heated.map(|change| strain.map(|strain| strain / change)),
+            expansion_1_k: heated
+                .map(|change| strain[..frame.dimension()].iter().map(|strain| strain / change).collect()),
             reactions_n: self.reactions(&printed),
             imbalance: sum.norm() / sizes.max(scale).max(f64::MIN_POSITIVE),
             stray_stress,
@@ -167,7 +170,7 @@ impl Results {
     }
 
     /// The displacements of opposite plates over their distance; of a cylinder the radial displacement of the lateral
-    /// surface over its radius, by least squares.
+    /// surface over its radius, by least squares beside a motion of the whole.
     fn mean_strain(&self, printed: &dat::Printed) -> Result<[f64; 3], SolutionError> {
         let mean = |face: &str, axis: usize| {
             let nodes = self.nodes(face)?;
@@ -178,25 +181,31 @@ impl Results {
             })?;
             Ok(displacements.iter().map(|u| u[axis]).sum::<f64>() / displacements.len() as f64)
         };
+        let frame = Frame::of_report(&self.deck);
         let along = |axis: usize| {
-            let [low, high] = [["x_min", "x_max"], ["y_min", "y_max"], ["z_min", "z_max"]][axis];
+            let [low, high] = frame.faces(axis);
             Ok((mean(high, axis)? - mean(low, axis)?) / self.deck.size_mm[axis])
         };
         if self.deck.load.plane().is_some() {
             return Ok([0.0; 3]);
         }
         if self.deck.lateral_faces == LateralFaces::Plane {
-            return Ok([along(0)?, along(1)?, along(2)?]);
+            let across = if frame.dimension() == 3 { along(2)? } else { 0.0 };
+            return Ok([along(0)?, along(1)?, across]);
         }
-        let radius_mm = self.deck.size_mm[0] / 2.0;
-        let (mut outward, mut squares) = (0.0, 0.0);
+        let mut moved: Vec<(Vector3<f64>, Vector3<f64>)> = Vec::new();
         for node in self.nodes("side")? {
-            let arm = self.mesh.nodes_mm[*node as usize] - Vector3::new(radius_mm, radius_mm, 0.0);
+            let place = self.mesh.nodes_mm[*node as usize];
             if let Some(u) = printed.displacements_mm.get(&(node + 1)) {
-                outward += u.x * arm.x + u.y * arm.y;
-                squares += arm.x * arm.x + arm.y * arm.y;
+                moved.push((Vector3::new(place.x, place.y, 0.0), Vector3::new(u.x, u.y, 0.0)));
             }
         }
+        // The node that is held need not lie on the axis: the cylinder moves as a whole.
+        let number = moved.len() as f64;
+        let centre = moved.iter().map(|(place, _)| place).sum::<Vector3<f64>>() / number;
+        let shift = moved.iter().map(|(_, u)| u).sum::<Vector3<f64>>() / number;
+        let outward: f64 = moved.iter().map(|(place, u)| (u - shift).dot(&(place - centre))).sum();
+        let squares: f64 = moved.iter().map(|(place, _)| (place - centre).norm_squared()).sum();
         let radial = outward / squares;
         Ok([radial, radial, along(2)?])
     }

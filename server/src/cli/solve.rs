@@ -96,7 +96,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 pub(super) fn parse(options: &str) -> Result<ExportRequest, String> {
     let request = exports::parse(&format!("deck:{options}"))?;
     match &request {
-        ExportRequest::Deck(deck) if deck.solver == Solver::Calculix => Ok(request),
+        ExportRequest::Deck(deck) if deck.case.solver == Solver::Calculix => Ok(request),
         _ => {
             Err("--solve runs CalculiX: leave solver out, and make a deck for Abaqus by --export deck".into())
         }
@@ -286,9 +286,9 @@ impl Solved {
         if let Some(g) = solution.shear_modulus_gpa {
             lines.push(("Shear modulus".into(), format!("{g:.5} GPa")));
         }
-        if let Some(expansion) = solution.expansion_1_k {
-            let expansion = expansion.map(|alpha| format!("{alpha:.5e}"));
-            lines.push(("Expansion along x, y, z".into(), format!("{} 1/K", expansion.join(", "))));
+        if let Some(expansion) = &solution.expansion_1_k {
+            let expansion: Vec<String> = expansion.iter().map(|alpha| format!("{alpha:.5e}")).collect();
+            lines.push(("Coefficient of expansion".into(), format!("{} 1/K", expansion.join(", "))));
         }
         if solution.load != Load::Temperature {
             for reaction in &solution.reactions_n {

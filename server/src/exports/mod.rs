@@ -167,7 +167,7 @@ impl NewExport {
         }
         let key = hex::sha256(parts.as_bytes());
         let kind = export.export_type();
-        Self { key, kind, options, quick: kind.is_quick(), heavy: false }
+        Self { key, kind, options, quick: export.is_quick(), heavy: false }
     }
 
     /// The same of a job that asks for it in its request, and packs such a specimen. What takes long is made in the

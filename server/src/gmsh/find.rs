@@ -73,7 +73,7 @@ pub(super) fn find(named: Option<&Path>, own: Option<&Path>) -> Result<(Program,
         return match program.version() {
             Ok(version) => Ok((program, version)),
             Err(error) => Err(ExportError::Unavailable(format!(
-                "tetrahedra are made by Gmsh, and {} cannot be used: {error}; {ADVICE}",
+                "tetrahedra and triangles are made by Gmsh, and {} cannot be used: {error}; {ADVICE}",
                 file.display()
             ))),
         };
@@ -93,6 +93,6 @@ pub(super) fn find(named: Option<&Path>, own: Option<&Path>) -> Result<(Program,
     }
     let faults = if faults.is_empty() { String::new() } else { format!(" ({})", faults.join("; ")) };
     Err(ExportError::Unavailable(format!(
-        "tetrahedra are made by Gmsh, and none was found on this machine{faults}: {ADVICE}"
+        "tetrahedra and triangles are made by Gmsh, and none was found on this machine{faults}: {ADVICE}"
     )))
 }

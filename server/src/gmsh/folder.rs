@@ -5,8 +5,7 @@ use std::io::{self, Read};
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 
-use packstone_engine::export::ExportError;
-use packstone_engine::export::mesh::tetrahedra::FilledSurfaces;
+use packstone_engine::export::{ExportError, MesherFiles};
 use uuid::Uuid;
 
 use super::FILLED;
@@ -33,12 +32,12 @@ impl Folder {
     pub(super) fn expect(&self, name: &str) -> Result<(), ExportError> {
         match fs::metadata(self.0.join(name)) {
             Ok(found) if found.len() > 0 => Ok(()),
-            _ => Err(ExportError::Mesher("Gmsh ended without an error and without tetrahedra".into())),
+            _ => Err(ExportError::Mesher("Gmsh ended without an error and without elements".into())),
         }
     }
 }
 
-impl FilledSurfaces for Folder {
+impl MesherFiles for Folder {
     fn open(&self, ending: &str) -> io::Result<Box<dyn Read>> {
         Ok(Box::new(File::open(self.0.join(format!("{FILLED}.{ending}")))?))
     }

@@ -1,7 +1,7 @@
-//! Gmsh, the program that fills the surfaces of grains with tetrahedra.
+//! Gmsh, the program that fills the surfaces of grains with tetrahedra, and cuts with triangles.
 //!
 //! It is found as `--gmsh` or `PACKSTONE_GMSH` names it, on the `PATH`, or as the module `gmsh` of `python3`, and runs
-//! in a process of its own with limits of time and memory. What asks for tetrahedra (the command line, the export
+//! in a process of its own with limits of time and memory. What asks for them (the command line, the export
 //! workers, the Python package) gives the engine [`Installed`].
 
 mod find;
@@ -18,8 +18,9 @@ use std::time::Duration;
 
 use clap::Args;
 use packstone_engine::Control;
-use packstone_engine::export::mesh::tetrahedra::{FilledSurfaces, MesherInput, SIZES, SURFACES};
-use packstone_engine::export::{ExportError, ExportRequest, TetrahedronMesher};
+use packstone_engine::export::{
+    ExportError, ExportRequest, MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES,
+};
 
 use crate::memory;
 use crate::programs::ProgramLimits;
@@ -32,15 +33,15 @@ const DEFAULT_TIMEOUT_S: f64 = 3600.0;
 const MEMORY_SHARE: f64 = 0.8;
 /// Memory of a run where that of the machine is unknown.
 const DEFAULT_MEMORY_BYTES: u64 = 8 << 30;
-/// Name of the file of tetrahedra without its ending.
+/// Name of the file of elements without its ending.
 const FILLED: &str = "filled";
 /// Name of the script.
 const SCRIPT: &str = "fill.geo";
 
-/// Options of commands that make tetrahedra.
+/// Options of commands that make tetrahedra and triangles.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct GmshOptions {
-    /// Gmsh, which makes tetrahedra: the program, or a Python that has the module gmsh [default: `gmsh` on the PATH,
+    /// Gmsh, which makes tetrahedra and triangles: the program, or a Python that has the module gmsh [default: `gmsh` on the PATH,
     /// else the module gmsh of python3]
     #[arg(long, env = "PACKSTONE_GMSH", value_name = "FILE")]
     gmsh: Option<PathBuf>,
@@ -130,7 +131,7 @@ impl Installed {
     }
 }
 
-impl TetrahedronMesher for Installed {
+impl Mesher for Installed {
     fn version(&self) -> Result<String, ExportError> {
         Ok(format!("Gmsh {}", Self::found()?.1))
     }
@@ -139,30 +140,35 @@ impl TetrahedronMesher for Installed {
         &self,
         mut input: MesherInput<'_>,
         control: &dyn Control,
-    ) -> Result<Box<dyn FilledSurfaces>, ExportError> {
+    ) -> Result<Box<dyn MesherFiles>, ExportError> {
         let (program, _) = Self::found()?;
         fill(&program, options().limits(), &mut input, control)
     }
 }
 
-/// Runs a program on the surfaces.
+/// Runs a program on a script and the surfaces.
 fn fill(
     program: &Program,
     limits: ProgramLimits,
     input: &mut MesherInput<'_>,
     control: &dyn Control,
-) -> Result<Box<dyn FilledSurfaces>, ExportError> {
+) -> Result<Box<dyn MesherFiles>, ExportError> {
     let folder = Folder::new()?;
-    let mut surfaces = BufWriter::new(folder.create(SURFACES)?);
-    (input.surfaces)(&mut surfaces)?;
-    surfaces.flush()?;
-    drop(surfaces);
+    if let Some(write) = &mut input.surfaces {
+        let mut surfaces = BufWriter::new(folder.create(SURFACES)?);
+        write(&mut surfaces)?;
+        surfaces.flush()?;
+    }
     folder.create(SCRIPT)?.write_all(input.script.as_bytes())?;
     if let Some(sizes) = input.sizes {
         folder.create(SIZES)?.write_all(sizes)?;
     }
     let file = format!("{FILLED}.msh");
-    run::run(program, &["-3", SCRIPT, "-o", &file, "-bin", "-nt", "1"], &folder, limits, control)?;
+    let dimension = match input.dimension {
+        MeshDimension::Plane => "-2",
+        MeshDimension::Solid => "-3",
+    };
+    run::run(program, &[dimension, SCRIPT, "-o", &file, "-bin", "-nt", "1"], &folder, limits, control)?;
     folder.expect(&file)?;
     if let Some(ending) = input.also {
         let other = format!("{FILLED}.{ending}");

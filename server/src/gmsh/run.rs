@@ -20,13 +20,14 @@ const MOST_WORDS: usize = 300;
 const OUT_OF_MEMORY: [&str; 5] =
     ["bad_alloc", "ut of memory", "annot allocate memory", "emory exhausted", "MemoryError"];
 /// Steps of a run by the words of its lines, with the share of the run that is over when a step begins.
-const STEPS: [(&str, &str, f64); 6] = [
+const STEPS: [(&str, &str, f64); 7] = [
     ("Reading '", "reading the surfaces", 0.0),
     ("Meshing 1D", "preparing the surfaces", 0.05),
+    ("Meshing 2D", "meshing surfaces", 0.1),
     ("Meshing 3D", "filling volumes", 0.1),
-    ("Optimizing", "improving tetrahedra", 0.7),
+    ("Optimizing", "improving elements", 0.7),
     ("Meshing order 2", "placing mid nodes", 0.8),
-    ("Writing '", "writing tetrahedra", 0.9),
+    ("Writing '", "writing elements", 0.9),
 ];
 
 /// Runs Gmsh in a folder; its lines.

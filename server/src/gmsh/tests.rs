@@ -24,7 +24,13 @@ const ROOMY: ProgramLimits =
 
 fn filled(program: &Program, limits: ProgramLimits, control: &dyn Control) -> Result<String, ExportError> {
     let mut surfaces = |out: &mut dyn std::io::Write| Ok(out.write_all(b"of grains")?);
-    let mut input = MesherInput { surfaces: &mut surfaces, script: "Merge;", sizes: Some(b"12"), also: None };
+    let mut input = MesherInput {
+        dimension: MeshDimension::Solid,
+        surfaces: Some(&mut surfaces),
+        script: "Merge;",
+        sizes: Some(b"12"),
+        also: None,
+    };
     let made = fill(program, limits, &mut input, control)?;
     let mut text = String::new();
     made.open("msh")?.read_to_string(&mut text)?;
@@ -55,7 +61,7 @@ fn the_cause_of_a_failure_is_named() {
         ("echo what; exit 3", "Gmsh failed (exit code 3) while starting Gmsh: what"),
         ("kill -11 $$", "Gmsh failed (signal 11) while starting Gmsh: it says nothing"),
         ("kill -9 $$", "it was killed (signal 9), as the system does where memory is short"),
-        ("exit 0", "Gmsh ended without an error and without tetrahedra"),
+        ("exit 0", "Gmsh ended without an error and without elements"),
         (
             "echo \"terminate called after throwing an instance of 'std::bad_alloc'\" >&2; exit 134",
             "Gmsh ran out of memory while starting Gmsh: it says",

@@ -9,7 +9,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::request::Specimen;
+use super::frame::Frame;
+use crate::request::{Axis, Specimen};
 
 /// What is done to a specimen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,10 +86,15 @@ impl Load {
     pub fn fits(self, specimen: &Specimen) -> bool {
         !matches!(specimen, Specimen::Cylinder { .. }) || matches!(self, Self::UniaxialZ | Self::Temperature)
     }
+
+    /// Whether it acts in the plane of a cut across that axis.
+    #[must_use]
+    pub fn fits_cut(self, axis: Axis) -> bool {
+        let across = axis.index();
+        self.axis() != Some(across) && !self.plane().is_some_and(|plane| plane.contains(&across))
+    }
 }
 
-/// Names of the faces across an axis.
-pub(super) const FACES: [[&str; 2]; 3] = [["x_min", "x_max"], ["y_min", "y_max"], ["z_min", "z_max"]];
 /// The set of the nodes on all faces.
 pub(super) const ALL_FACES: &str = "faces";
 /// The set of one node on the axis of a cylinder, and that of another along x from it, both on the bottom.
@@ -112,39 +118,43 @@ pub(super) struct Conditions {
 }
 
 impl Conditions {
-    /// Those of a load on a specimen that [fits](Load::fits) it; the strain is that along the axis, or the shear angle.
-    pub(super) fn of(load: Load, specimen: &Specimen, strain: f64) -> Self {
-        let size_mm = specimen.bounds_mm();
+    /// Those of a load on a mesh that [fits](Load::fits) it; the strain is that along the axis, or the shear angle.
+    pub(super) fn of(load: Load, frame: &Frame, strain: f64) -> Self {
         let mut conditions = Self::default();
         let mut prescribe = |set, axis, value_mm| {
             conditions.prescribed.push(Prescribed { set, axis, value_mm });
         };
-        if let Some([a, b]) = load.plane() {
-            let third = 3 - a - b;
-            prescribe(ALL_FACES, third, 0.0);
-            // Half of the angle on either pair of faces.
-            for (normal, along) in [(a, b), (b, a)] {
-                let [low, high] = FACES[normal];
-                prescribe(low, along, 0.0);
-                prescribe(high, along, strain / 2.0 * size_mm[normal]);
+        let all = 0..frame.dimension();
+        if let Some(plane) = load.plane() {
+            let places = plane.map(|axis| frame.place(axis));
+            for across in all.filter(|axis| !places.contains(&Some(*axis))) {
+                prescribe(ALL_FACES, across, 0.0);
+            }
+            if let [Some(a), Some(b)] = places {
+                // Half of the angle on either pair of faces.
+                for (normal, along) in [(a, b), (b, a)] {
+                    let [low, high] = frame.faces(normal);
+                    prescribe(low, along, 0.0);
+                    prescribe(high, along, strain / 2.0 * frame.size_mm[normal]);
+                }
             }
             return conditions;
         }
-        let is_cylinder = matches!(specimen, Specimen::Cylinder { .. });
-        let axes = if is_cylinder { 2..3 } else { 0..3 };
+        let axes = if frame.has_free_sides { 2..3 } else { all };
         for axis in axes.clone() {
-            prescribe(FACES[axis][0], axis, 0.0);
+            prescribe(frame.faces(axis)[0], axis, 0.0);
         }
-        if is_cylinder {
+        if frame.has_free_sides {
             prescribe(PINS[0], 0, 0.0);
             prescribe(PINS[0], 1, 0.0);
             prescribe(PINS[1], 1, 0.0);
         }
+        let stretched = load.axis().and_then(|axis| frame.place(axis));
         for axis in axes {
-            if load.axis() == Some(axis) {
-                prescribe(FACES[axis][1], axis, strain * size_mm[axis]);
+            if stretched == Some(axis) {
+                prescribe(frame.faces(axis)[1], axis, strain * frame.size_mm[axis]);
             } else {
-                conditions.tied.push((FACES[axis][1], axis));
+                conditions.tied.push((frame.faces(axis)[1], axis));
             }
         }
         conditions

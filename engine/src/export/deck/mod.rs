@@ -3,9 +3,10 @@
 //!
 //! A deck is a zip: `model.inp` with the step, `mesh.inp`, `materials.inp`, `plates.inp` with the equations that keep
 //! free faces plane, `deck.json` with the figures, and a README. `load` has the boundary conditions and why they are
-//! chosen, `support` the check that they hold the mesh, `solid_part` what becomes of pores, `text` the keywords.
+//! chosen, `frame` the axes of the mesh, `support` the check that they hold it, `solid_part` what becomes of pores, `text` the keywords.
 //! [`crate::solution`] reads what CalculiX computes of it.
 
+mod frame;
 mod load;
 mod options;
 mod report;
@@ -18,12 +19,13 @@ mod unpack;
 use std::io::Write;
 use std::num::NonZeroUsize;
 
+pub(crate) use frame::Frame;
 pub use load::Load;
 pub use options::{
-    DEFAULT_CELLS, DEFAULT_STRAIN, DEFAULT_TEMPERATURE_CHANGE_K, DeckElements, DeckFormat, DeckOptions,
-    Solver,
+    CutElements, CutPlace, DEFAULT_CELLS, DEFAULT_STRAIN, DEFAULT_TEMPERATURE_CHANGE_K, DeckElements,
+    DeckFormat, DeckMesh, DeckOptions, LoadCase, Solver, TetrahedronElements, VoxelElements,
 };
-pub use report::{DeckPhase, DeckReport, LateralFaces};
+pub use report::{DeckPhase, DeckPlane, DeckReport, LateralFaces};
 pub use unpack::unpack;
 
 use self::load::Conditions;
@@ -31,45 +33,93 @@ use self::sets::NodeSets;
 use self::solid_part::LeftOut;
 use super::archive::{Archive, Content, PIECE_BYTES};
 use super::materials::{Phase, moduli_gpa, of_model, phases as phases_with_materials};
+use super::mesh::TetrahedronReport;
+use super::mesh::tetrahedra::fill;
+use super::slice::{Cut, TriangleReport};
+use super::solid::PlaneState;
 use super::solid::{ElementKind, PhaseRole, PhaseSet, SolidMeasures, SolidMesh};
-use super::{ExportError, Model, Provenance, voxels};
+use super::{ExportError, Model, Provenance, slice, voxels};
 use crate::control::{Control, Part};
 use crate::memory::reserved;
 use crate::plan::Limits;
-use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
+use crate::request::{Axis, Boundary, FieldError, GrainKind, Material, Materials, Specimen};
 
 /// Name of the set of nodes of all faces, whose displacements and reactions a deck prints.
 pub const PRINTED_SET: &str = load::ALL_FACES;
 /// Name of the job that a solver runs: `model.inp`.
 pub const MODEL: &str = text::MODEL;
 /// Bytes of text that deflate makes one of.
-const DEFLATED: u64 = 4;
+pub(super) const DEFLATED: u64 = 4;
 /// Bytes of the comments that begin a file at most.
 const HEAD_BYTES: usize = 1000;
+/// Thickness of a plane model.
+const THICKNESS_MM: f64 = 1.0;
 /// Bytes of an equation at most.
 const EQUATION_BYTES: usize = 60;
 
 /// Judges options before there are grains.
 ///
 /// # Errors
-/// [`ExportError::Invalid`] for a load that the specimen does not have, [`ExportError::TooLarge`].
+/// [`ExportError::Invalid`] for a load that the specimen or the cut does not have, and for a cut through a cylinder;
+/// [`ExportError::TooLarge`].
 pub(super) fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<(), ExportError> {
-    if !options.load.fits(specimen) {
+    if let DeckMesh::Triangles(own) = &options.mesh {
+        return check_cut(specimen, options.case.load, own, limits);
+    }
+    if !options.case.load.fits(specimen) {
         let detail = format!(
             "{} is no load of a cylinder: must be {} or {}; pack a box for the others",
-            options.load.name(),
+            options.case.load.name(),
             Load::UniaxialZ.name(),
             Load::Temperature.name()
         );
         return Err(ExportError::Invalid(vec![FieldError::new("/load", detail)]));
     }
-    voxels::check(specimen, &options.voxels(), limits)
+    match &options.mesh {
+        DeckMesh::Voxels(own) => voxels::check(specimen, &own.voxels(), limits),
+        DeckMesh::Tetrahedra(own) => own.alone().check(specimen),
+        DeckMesh::Triangles(_) => Ok(()),
+    }
 }
 
-/// Length of the file, within a factor of two.
-pub(super) fn expected_bytes(specimen: &Specimen, options: &DeckOptions) -> u64 {
-    let (nodes, elements) = voxels::hexahedra(specimen, &options.voxels());
-    SolidMesh::inp_bytes(ElementKind::Hexahedron8, nodes, elements) / DEFLATED
+fn check_cut(specimen: &Specimen, load: Load, own: &CutElements, limits: &Limits) -> Result<(), ExportError> {
+    let invalid =
+        |pointer: &str, detail: String| Err(ExportError::Invalid(vec![FieldError::new(pointer, detail)]));
+    if matches!(specimen, Specimen::Cylinder { .. }) {
+        let detail = "triangles make a deck of a box alone, whose cuts have four straight edges: pack a box";
+        return invalid("/elements", detail.into());
+    }
+    let axis = own.place.axis;
+    if !load.fits_cut(axis) {
+        let fit: Vec<&str> =
+            Load::ALL.into_iter().filter(|load| load.fits_cut(axis)).map(Load::name).collect();
+        let (load, axis) = (load.name(), axis.name());
+        let detail = format!(
+            "{load} does not act in the plane of a cut across {axis}: must be one of {}",
+            fit.join(", ")
+        );
+        return invalid("/load", detail);
+    }
+    slice::check(specimen, &own.alone(), limits)
+}
+
+/// Length of the file of voxels, or of the triangles of a cut through grains of that sum of diameters, within a factor
+/// of two; that of tetrahedra follows from their surfaces.
+pub(super) fn expected_bytes(
+    specimen: &Specimen,
+    options: &DeckOptions,
+    sum_mm: f64,
+    kind: GrainKind,
+) -> u64 {
+    let bytes = match &options.mesh {
+        DeckMesh::Voxels(own) => {
+            let (nodes, elements) = voxels::hexahedra(specimen, &own.voxels());
+            SolidMesh::inp_bytes(ElementKind::Hexahedron8, nodes, elements)
+        }
+        DeckMesh::Triangles(own) => slice::expected_bytes(specimen, &own.alone(), sum_mm, kind),
+        DeckMesh::Tetrahedra(_) => 0,
+    };
+    bytes / DEFLATED
 }
 
 /// Makes the deck and writes it.
@@ -86,11 +136,11 @@ pub(super) fn write(
     out: &mut dyn Write,
 ) -> Result<DeckReport, ExportError> {
     check(model.specimen, options, limits)?;
-    let materials = of_model(options.materials.as_ref(), model)?;
-    let meshing = Part::new(control, 0.0, 0.5);
-    let mesh = voxels::solid_mesh(model, &options.voxels(), limits, &meshing)?;
-    let deck = Deck::new(mesh, model.specimen, options, materials, &meshing)?;
-    let writing = Part::new(control, 0.5, 1.0);
+    let materials = of_model(options.case.materials.as_ref(), model)?;
+    let meshing = Part::new(control, 0.0, 0.8);
+    let mesh = Meshed::of(model, &options.mesh, limits, &meshing)?;
+    let deck = Deck::new(mesh, model.specimen, &options.case, materials, &meshing)?;
+    let writing = Part::new(control, 0.8, 1.0);
     deck.write(model.provenance, limits.export_threads, &writing, out)?;
     Ok(deck.report)
 }
@@ -99,9 +149,9 @@ pub(super) fn write(
 ///
 /// # Errors
 /// [`ExportError::Invalid`] with every property that is missing.
-pub(super) fn check_materials(phases: &[Phase<'_>], options: &DeckOptions) -> Result<(), ExportError> {
+pub(super) fn check_materials(phases: &[Phase<'_>], load: Load) -> Result<(), ExportError> {
     moduli_gpa(phases)?;
-    let heats = options.load == Load::Temperature;
+    let heats = load == Load::Temperature;
     let needs = |phase: &&Phase<'_>| heats && modulus(phase.material) > 0.0;
     let missing: Vec<FieldError> = phases
         .iter()
@@ -111,10 +161,75 @@ pub(super) fn check_materials(phases: &[Phase<'_>], options: &DeckOptions) -> Re
     if missing.is_empty() { Ok(()) } else { Err(ExportError::Invalid(missing)) }
 }
 
+/// The mesh of a deck, and what is known of it.
+pub(super) struct Meshed {
+    mesh: SolidMesh,
+    elements: DeckElements,
+    tetrahedra: Option<TetrahedronReport>,
+    triangles: Option<TriangleReport>,
+    plane: Option<DeckPlane>,
+    warnings: Vec<String>,
+}
+
+impl Meshed {
+    /// Meshes a packing.
+    fn of(
+        model: &Model<'_>,
+        options: &DeckMesh,
+        limits: &Limits,
+        control: &dyn Control,
+    ) -> Result<Self, ExportError> {
+        match options {
+            DeckMesh::Voxels(own) => {
+                voxels::solid_mesh(model, &own.voxels(), limits, control).map(Self::of_voxels)
+            }
+            DeckMesh::Tetrahedra(own) => {
+                let filled = fill(model, &own.surfaces, &own.tetrahedra, None, limits, control)?;
+                let report = filled.report;
+                Ok(Self {
+                    elements: DeckElements::Tetrahedra,
+                    tetrahedra: report.tetrahedra,
+                    warnings: report.warnings,
+                    ..Self::of_voxels(filled.mesh)
+                })
+            }
+            DeckMesh::Triangles(own) => {
+                let at_mm = own.alone().cut.at_mm(model.specimen);
+                let cut = Cut::new(model, own.place.axis, at_mm)?;
+                let meshed = slice::mesh_of(model, &cut, &own.triangles, limits, control)?;
+                let warnings = meshed.report.warnings.clone();
+                Ok(Self {
+                    warnings,
+                    triangles: Some(meshed.report),
+                    ..Self::of_cut(meshed.mesh, own.place.axis, at_mm, own.triangles.plane)
+                })
+            }
+        }
+    }
+
+    /// Voxels that were made.
+    pub(super) fn of_voxels(mesh: SolidMesh) -> Self {
+        Self {
+            mesh,
+            elements: DeckElements::Voxels,
+            tetrahedra: None,
+            triangles: None,
+            plane: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Triangles that were made.
+    pub(super) fn of_cut(mesh: SolidMesh, axis: Axis, at_mm: f64, state: PlaneState) -> Self {
+        let plane = Some(DeckPlane { axis, at_mm, state, thickness_mm: THICKNESS_MM });
+        Self { elements: DeckElements::Triangles, plane, ..Self::of_voxels(mesh) }
+    }
+}
+
 /// A deck that is complete and checked.
 pub(super) struct Deck {
     mesh: SolidMesh,
-    specimen: Specimen,
+    frame: Frame,
     conditions: Conditions,
     report: DeckReport,
 }
@@ -125,30 +240,31 @@ impl Deck {
     /// # Errors
     /// See [`write`].
     pub(super) fn new(
-        mesh: SolidMesh,
+        meshed: Meshed,
         specimen: &Specimen,
-        options: &DeckOptions,
+        case: &LoadCase,
         materials: &Materials,
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
+        let Meshed { mesh, elements, tetrahedra, triangles, plane, mut warnings } = meshed;
+        let frame = Frame::of(specimen, plane.map(|plane| plane.axis), THICKNESS_MM);
         refuse_empty(&mesh)?;
-        let of_phases = materials_of(&mesh.phases, materials, options)?;
-        let conditions = Conditions::of(options.load, specimen, options.strain.unwrap_or_default());
-        support::check(&conditions, &NodeSets::new(&mesh, specimen), &mesh.nodes_mm)?;
+        let of_phases = materials_of(&mesh.phases, materials, case.load)?;
+        let conditions = Conditions::of(case.load, &frame, case.strain.unwrap_or_default());
+        support::check(&conditions, &NodeSets::new(&mesh, &frame), &mesh.nodes_mm, frame.dimension())?;
         let whole = mesh.check(control)?;
         let volume_mm3 = whole.volume_mm3;
         let is_solid: Vec<bool> = of_phases.iter().map(|material| modulus(material) > 0.0).collect();
         let (mesh, left_out) = solid_part::solid_part(mesh, &is_solid)?;
-        let sets = NodeSets::new(&mesh, specimen);
+        let sets = NodeSets::new(&mesh, &frame);
         let measures = if left_out == LeftOut::default() {
             whole
         } else {
             refuse_empty(&mesh)?;
-            support::check(&conditions, &sets, &mesh.nodes_mm)?;
+            support::check(&conditions, &sets, &mesh.nodes_mm, frame.dimension())?;
             mesh.check(control)?
         };
         let solid_materials = of_phases.into_iter().filter(|material| modulus(material) > 0.0);
-        let mut warnings = Vec::new();
         if matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. }) {
             warnings.push(
                 "The box is periodic, but the deck puts it between plates: its stiffness is that of the cell that is \
@@ -162,26 +278,33 @@ impl Deck {
                 left_out.loose
             ));
         }
-        let is_cylinder = matches!(specimen, Specimen::Cylinder { .. });
         let report = DeckReport {
-            solver: options.solver,
-            load: options.load,
-            strain: options.strain,
-            temperature_change_k: options.temperature_change_k,
-            elements: options.elements,
+            solver: case.solver,
+            load: case.load,
+            strain: case.strain,
+            temperature_change_k: case.temperature_change_k,
+            elements,
             element_type: mesh.kind.abaqus_name().to_owned(),
-            lateral_faces: if is_cylinder { LateralFaces::Free } else { LateralFaces::Plane },
-            size_mm: specimen.bounds_mm(),
+            lateral_faces: if frame.has_free_sides { LateralFaces::Free } else { LateralFaces::Plane },
+            plane,
+            size_mm: frame.size_mm,
             volume_mm3,
             nodes: measures.nodes,
             number_of_elements: measures.elements,
-            degrees_of_freedom: degrees_of_freedom(&conditions, &sets, mesh.nodes_mm.len())?,
+            degrees_of_freedom: degrees_of_freedom(
+                &conditions,
+                &sets,
+                mesh.nodes_mm.len(),
+                frame.dimension(),
+            )?,
             phases: phases(&measures, solid_materials),
             pore_elements: left_out.pores,
             loose_elements: left_out.loose,
+            tetrahedra,
+            triangles,
             warnings,
         };
-        Ok(Self { conditions, specimen: *specimen, report, mesh })
+        Ok(Self { conditions, frame, report, mesh })
     }
 
     /// Writes the zip. Its bytes do not depend on the threads.
@@ -197,14 +320,14 @@ impl Deck {
     ) -> Result<(), ExportError> {
         let report = &self.report;
         let head = text::head(report, provenance);
-        let sets = NodeSets::new(&self.mesh, &self.specimen);
+        let sets = NodeSets::new(&self.mesh, &self.frame);
         let bytes = SolidMesh::inp_bytes(self.mesh.kind, report.nodes, report.number_of_elements);
         let mut mesh = reserved(bytes as usize)?;
         self.mesh.write_inp(&head, control, &mut mesh)?;
         let mut archive = Archive::new(out, threads)?;
-        add(&mut archive, "README.txt", text::readme(&head, report).as_bytes())?;
+        add(&mut archive, "README.txt", text::readme(&head, report, &self.frame).as_bytes())?;
         add(&mut archive, "model.inp", text::model(&head, report, &self.conditions, &sets).as_bytes())?;
-        add(&mut archive, "materials.inp", text::materials(&head, &report.phases).as_bytes())?;
+        add(&mut archive, "materials.inp", text::materials(&head, report).as_bytes())?;
         if !self.conditions.tied.is_empty() {
             let equations =
                 self.conditions.tied.iter().map(|(face, _)| sets.nodes(face).len()).sum::<usize>();
@@ -262,7 +385,7 @@ fn modulus(material: &Material) -> f64 {
 fn materials_of(
     phases: &[PhaseSet],
     materials: &Materials,
-    options: &DeckOptions,
+    load: Load,
 ) -> Result<Vec<Material>, ExportError> {
     let aggregates = phases.iter().filter_map(|phase| match &phase.role {
         PhaseRole::Matrix => None,
@@ -272,7 +395,7 @@ fn materials_of(
     let mut found = phases_with_materials(materials, &names)?;
     // Without an aggregate there is a phase too many.
     found.truncate(phases.len());
-    check_materials(&found, options)?;
+    check_materials(&found, load)?;
     Ok(found.into_iter().map(|phase| *phase.material).collect())
 }
 
@@ -295,6 +418,7 @@ fn degrees_of_freedom(
     conditions: &Conditions,
     sets: &NodeSets<'_>,
     nodes: usize,
+    dimension: usize,
 ) -> Result<u64, ExportError> {
     let mut is_given = crate::memory::filled(nodes, [false; 3])?;
     for prescribed in &conditions.prescribed {
@@ -307,12 +431,19 @@ fn degrees_of_freedom(
             is_given[*node as usize][*axis] = true;
         }
     }
-    Ok(is_given.as_flattened().iter().filter(|given| !**given).count() as u64)
+    let free = |given: &[bool; 3]| given[..dimension].iter().filter(|given| !**given).count() as u64;
+    Ok(is_given.iter().map(free).sum())
 }
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod plane_tests;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod same_voxels_tests;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tetrahedra_tests;

@@ -4,6 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use super::load::Load;
 use super::options::{DeckElements, Solver};
+use crate::export::mesh::TetrahedronReport;
+use crate::export::slice::TriangleReport;
+use crate::export::solid::PlaneState;
+use crate::request::Axis;
 
 /// The figures of a deck.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,9 +31,13 @@ pub struct DeckReport {
     pub element_type: String,
     /// What the lateral faces are.
     pub lateral_faces: LateralFaces,
-    /// Edges of the box around the specimen.
+    /// The cut that a plane model is of; absent for solids.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub plane: Option<DeckPlane>,
+    /// Lengths along the axes of the mesh: edges of the box around the specimen, of a cut its edges and its thickness.
     pub size_mm: [f64; 3],
-    /// Volume of the meshed specimen, pores included: mean stresses are means over it.
+    /// Volume of the meshed specimen or cut, pores included: mean stresses are means over it.
     pub volume_mm3: f64,
     /// Nodes.
     pub nodes: u64,
@@ -43,6 +51,14 @@ pub struct DeckReport {
     pub pore_elements: u64,
     /// Elements that only pores surround, which the deck leaves out.
     pub loose_elements: u64,
+    /// How the tetrahedra came out and what made them; absent for voxels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub tetrahedra: Option<TetrahedronReport>,
+    /// How the triangles of a cut came out and what made them; absent for solids.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub triangles: Option<TriangleReport>,
     /// What a reader should know.
     #[serde(default)]
     pub warnings: Vec<String>,
@@ -57,6 +73,20 @@ pub enum LateralFaces {
     Plane,
     /// No force acts on any point of them.
     Free,
+}
+
+/// The cut of a plane model. Its axes x and y are the other two of the specimen, in the order x, y, z.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct DeckPlane {
+    /// The axis that the cut is perpendicular to.
+    pub axis: Axis,
+    /// Where it meets that axis.
+    pub at_mm: f64,
+    /// What is assumed across the plane.
+    pub state: PlaneState,
+    /// Thickness of the model.
+    pub thickness_mm: f64,
 }
 
 /// A solid phase of a deck.

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
+use super::frame::Frame;
 use super::load::{ALL_FACES, PINS};
 use crate::export::solid::SolidMesh;
-use crate::request::Specimen;
 
 /// Sets of nodes by name, each in ascending order.
 #[derive(Debug)]
@@ -15,14 +15,14 @@ pub(super) struct NodeSets<'a> {
 }
 
 impl<'a> NodeSets<'a> {
-    /// Those of a mesh of a specimen.
-    pub(super) fn new(mesh: &'a SolidMesh, specimen: &Specimen) -> Self {
+    /// Those of a mesh.
+    pub(super) fn new(mesh: &'a SolidMesh, frame: &Frame) -> Self {
         let mut all_faces: Vec<u32> = mesh.faces.iter().flat_map(|face| face.nodes.iter().copied()).collect();
         all_faces.sort_unstable();
         all_faces.dedup();
         let mut sets = Self { mesh, all_faces, pins: [None; 2] };
-        if let Specimen::Cylinder { diameter_mm, .. } = *specimen {
-            sets.pins = sets.find_pins(diameter_mm / 2.0);
+        if let Some(radius_mm) = frame.radius_mm() {
+            sets.pins = sets.find_pins(radius_mm);
         }
         sets
     }

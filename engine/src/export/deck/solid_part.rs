@@ -61,10 +61,9 @@ fn pieces(mesh: &SolidMesh, solid: &dyn Fn(usize) -> bool) -> Result<Vec<u32>, E
     for element in (0..mesh.len()).filter(|element| solid(*element)) {
         let nodes = mesh.element(element);
         for side in mesh.kind.sides() {
-            // Three corners of a side tell it from all others.
+            // The corners of a side tell it from all others.
             let mut corners = [GONE; 4];
-            let of_side = if sides == 6 { 4 } else { 3 };
-            for (corner, node) in corners.iter_mut().zip(&side[..of_side]) {
+            for (corner, node) in corners.iter_mut().zip(&side[..mesh.kind.corners_of_side()]) {
                 *corner = nodes[*node];
             }
             corners.sort_unstable();

@@ -19,6 +19,7 @@ pub(super) fn check(
     conditions: &Conditions,
     sets: &NodeSets<'_>,
     nodes_mm: &[Vector3<f64>],
+    dimension: usize,
 ) -> Result<(), ExportError> {
     let refused = |text: String| Err(ExportError::Unavailable(text));
     for prescribed in &conditions.prescribed {
@@ -36,7 +37,7 @@ pub(super) fn check(
             return refused(format!("the set {face} of the deck is empty: choose finer elements"));
         }
     }
-    if is_held(conditions, sets, nodes_mm) {
+    if is_held(conditions, sets, nodes_mm, dimension) {
         Ok(())
     } else {
         refused(
@@ -47,8 +48,13 @@ pub(super) fn check(
 }
 
 /// Whether no rigid motion meets all constraints: six columns of three translations and three rotations, a row for each
-/// constraint.
-fn is_held(conditions: &Conditions, sets: &NodeSets<'_>, nodes_mm: &[Vector3<f64>]) -> bool {
+/// constraint. Plane elements keep to their plane.
+fn is_held(
+    conditions: &Conditions,
+    sets: &NodeSets<'_>,
+    nodes_mm: &[Vector3<f64>],
+    dimension: usize,
+) -> bool {
     let centre = nodes_mm.iter().sum::<Vector3<f64>>() / nodes_mm.len().max(1) as f64;
     let radius = nodes_mm.iter().map(|x| (x - centre).norm()).fold(0.0, f64::max);
     let row = |node: u32, axis: usize| {
@@ -58,7 +64,12 @@ fn is_held(conditions: &Conditions, sets: &NodeSets<'_>, nodes_mm: &[Vector3<f64
         let moment = arm.cross(&direction);
         Vector6::new(direction.x, direction.y, direction.z, moment.x, moment.y, moment.z)
     };
-    let mut gram = Matrix6::zeros();
+    let mut gram = if dimension == 2 {
+        // Along z, and about x and y.
+        Matrix6::from_diagonal(&Vector6::new(0.0, 0.0, 1.0, 1.0, 1.0, 0.0))
+    } else {
+        Matrix6::zeros()
+    };
     let mut add = |row: Vector6<f64>| gram += row * row.transpose();
     for prescribed in &conditions.prescribed {
         for node in sets.nodes(prescribed.set) {

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::*;
 use crate::control::Unattended;
-use crate::export::voxels::{VoxelGrid, of_labels};
+use crate::export::voxels::{VoxelGrid, VoxelOptions, of_labels};
 use crate::export::{ExportReport, ExportRequest, ExportType};
 use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
@@ -30,11 +30,11 @@ pub(super) fn ccx() -> Option<PathBuf> {
 }
 
 /// Young's modulus in GPa, Poisson's ratio, expansion in 1/K.
-type Constants = (f64, f64, f64);
-const MATRIX_CONSTANTS: Constants = (25.0, 0.2, 1.1e-5);
-const GRAIN_CONSTANTS: Constants = (70.0, 0.28, 5e-6);
+pub(super) type Constants = (f64, f64, f64);
+pub(super) const MATRIX_CONSTANTS: Constants = (25.0, 0.2, 1.1e-5);
+pub(super) const GRAIN_CONSTANTS: Constants = (70.0, 0.28, 5e-6);
 
-fn materials(matrix: Constants, grains: Constants) -> Materials {
+pub(super) fn materials(matrix: Constants, grains: Constants) -> Materials {
     let of = |(e, nu, alpha): Constants| {
         json!({"youngs_modulus_gpa": e, "poissons_ratio": nu, "expansion_1_k": alpha, "density_kg_m3": 2400.0,
                "conductivity_w_m_k": 2.0})
@@ -43,11 +43,16 @@ fn materials(matrix: Constants, grains: Constants) -> Materials {
     Materials::read(&At::root(&value, &Faults::default())).unwrap()
 }
 
-fn options(text: &[(&str, &str)]) -> DeckOptions {
+pub(super) fn options(text: &[(&str, &str)]) -> DeckOptions {
     match ExportRequest::from_text(ExportType::Deck, text.iter().copied()).unwrap() {
         ExportRequest::Deck(options) => options,
         other => panic!("{other:?}"),
     }
+}
+
+fn voxels_of(options: &DeckOptions) -> VoxelOptions {
+    let DeckMesh::Voxels(own) = &options.mesh else { panic!("{options:?}") };
+    own.voxels()
 }
 
 pub(super) fn cuboid(size_mm: [f64; 3]) -> Specimen {
@@ -55,9 +60,9 @@ pub(super) fn cuboid(size_mm: [f64; 3]) -> Specimen {
 }
 
 /// Hexahedra of a specimen without a packing: a function gives the phase of the voxel at a place.
-fn hexahedra(specimen: &Specimen, cells: u32, phase: impl Fn([usize; 3]) -> u32) -> SolidMesh {
+pub(super) fn hexahedra(specimen: &Specimen, cells: u32, phase: impl Fn([usize; 3]) -> u32) -> SolidMesh {
     let cells = cells.to_string();
-    let grid = VoxelGrid::new(specimen, &options(&[("cells", &cells)]).voxels());
+    let grid = VoxelGrid::new(specimen, &voxels_of(&options(&[("cells", &cells)])));
     let [nx, ny, _] = grid.shape;
     let of = |voxel: usize| phase([voxel % nx, voxel / nx % ny, voxel / nx / ny]);
     let mut mesh = of_labels(&grid, of, &Unattended).unwrap();
@@ -70,7 +75,7 @@ fn hexahedra(specimen: &Specimen, cells: u32, phase: impl Fn([usize; 3]) -> u32)
 }
 
 /// The files of a deck by name.
-fn unzipped(bytes: &[u8]) -> Vec<(String, String)> {
+pub(super) fn unzipped(bytes: &[u8]) -> Vec<(String, String)> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
     (0..archive.len())
         .map(|i| {
@@ -90,7 +95,7 @@ pub(super) fn run(ccx: &Path, folder: &Path, model: &str) {
 }
 
 /// What CalculiX computes of a deck; `None` where there is no CalculiX.
-fn solved(deck: &Deck) -> Option<Solution> {
+pub(super) fn solved(deck: &Deck) -> Option<Solution> {
     let ccx = ccx()?;
     let mut bytes = Vec::new();
     deck.write(None, NonZeroUsize::MIN, &Unattended, &mut bytes).unwrap();
@@ -117,7 +122,7 @@ pub(super) fn solution_in(folder: &Path, ccx: &Path, zip: &[u8]) -> Solution {
     solution
 }
 
-fn near(found: f64, expected: f64) {
+pub(super) fn near(found: f64, expected: f64) {
     assert!((found / expected - 1.0).abs() < 1e-6, "{found}, not {expected}");
 }
 
@@ -131,7 +136,8 @@ fn a_homogeneous_specimen_has_its_own_constants() {
             let mesh = hexahedra(&specimen, 5, |_| 0);
             let options = options(&[("load", load.name())]);
             let materials = materials(MATRIX_CONSTANTS, GRAIN_CONSTANTS);
-            let deck = Deck::new(mesh, &specimen, &options, &materials, &Unattended).unwrap();
+            let deck = Deck::new(Meshed::of_voxels(mesh), &specimen, &options.case, &materials, &Unattended)
+                .unwrap();
             let Some(solution) = solved(&deck) else { return };
             let (uniaxial, shear) = (load.axis().is_some(), load.plane().is_some());
             assert_eq!(solution.youngs_modulus_gpa.is_some(), uniaxial);
@@ -189,7 +195,8 @@ fn layers_have_their_closed_form() {
         let mesh = hexahedra(&specimen, 8, |[i, ..]| u32::from(i >= 5));
         let options = options(&[("load", load.name()), ("cells", "8")]);
         let materials = materials(MATRIX_CONSTANTS, GRAIN_CONSTANTS);
-        let deck = Deck::new(mesh, &specimen, &options, &materials, &Unattended).unwrap();
+        let deck =
+            Deck::new(Meshed::of_voxels(mesh), &specimen, &options.case, &materials, &Unattended).unwrap();
         let Some(solution) = solved(&deck) else { return };
         if let Some(axis) = load.axis() {
             near(solution.youngs_modulus_gpa.unwrap(), 1.0 / compliance[(axis, axis)]);
@@ -219,7 +226,7 @@ fn a_two_phase_prism_has_the_mean_modulus() {
     let constants = |e: f64| (e, 0.25, 0.0);
     let materials = materials(constants(10.0), constants(300.0));
     let options = options(&[("strain", "-0.001"), ("cells", "8")]);
-    let deck = Deck::new(mesh, &specimen, &options, &materials, &Unattended).unwrap();
+    let deck = Deck::new(Meshed::of_voxels(mesh), &specimen, &options.case, &materials, &Unattended).unwrap();
     let Some(solution) = solved(&deck) else { return };
     near(solution.youngs_modulus_gpa.unwrap(), 0.625 * 10.0 + 0.375 * 300.0);
     near(solution.mean_stress_mpa[2], -(0.625 * 10.0 + 0.375 * 300.0));
@@ -235,7 +242,7 @@ fn pores_are_left_out_with_what_they_enclose() {
     let mesh = hexahedra(&specimen, 6, |at| u32::from(shell(at)));
     let materials = materials(MATRIX_CONSTANTS, (0.0, 0.0, 0.0));
     let options = options(&[("cells", "6"), ("load", "uniaxial_x")]);
-    let deck = Deck::new(mesh, &specimen, &options, &materials, &Unattended).unwrap();
+    let deck = Deck::new(Meshed::of_voxels(mesh), &specimen, &options.case, &materials, &Unattended).unwrap();
     assert_eq!((deck.report.pore_elements, deck.report.loose_elements), (26, 1));
     assert_eq!(deck.report.number_of_elements, 216 - 27);
     near(deck.report.volume_mm3, 216.0);
@@ -265,9 +272,9 @@ fn decks_that_cannot_run_are_refused_before_anything_is_written() {
     let materials = materials(MATRIX_CONSTANTS, GRAIN_CONSTANTS);
     let options_of = |load: &str| options(&[("load", load), ("cells", "3")]);
     let refusal = |mesh: SolidMesh, load: &str, materials: &Materials| match Deck::new(
-        mesh,
+        Meshed::of_voxels(mesh),
         &specimen,
-        &options_of(load),
+        &options_of(load).case,
         materials,
         &Unattended,
     ) {
@@ -374,6 +381,17 @@ fn options_are_judged() {
         (&[("strain", "0")], "/strain: 0 is out of range: must be at least 1e-9 in size"),
         (&[("strain", "-0.2")], "/strain: -0.2 is out of range: must be at least -0.1 and at most 0.1"),
         (&[("cells", "9"), ("voxel_mm", "1")], "/voxel_mm: cells and voxel_mm say the same"),
+        (
+            &[("order", "2")],
+            "/order: goes with elements=tetrahedra or triangles: give that too, or leave it out",
+        ),
+        (&[("elements", "voxels"), ("segments", "9")], "/segments: goes with elements=tetrahedra"),
+        (&[("elements", "tetrahedra"), ("cells", "9")], "/cells: goes with elements=voxels: leave it out"),
+        (&[("elements", "tetrahedra"), ("order", "3")], "/order: 3 is out of range"),
+        (
+            &[("elements", "wedges")],
+            "/elements: \"wedges\" is unknown: must be one of \"voxels\", \"tetrahedra\"",
+        ),
         (&[("load", "bending")], "/load: \"bending\" is unknown: must be one of \"uniaxial_x\""),
         (&[("solver", "ansys")], "/solver: \"ansys\" is unknown"),
     ] {

@@ -6,17 +6,18 @@
 
 use std::fmt::Write as _;
 
-use super::load::{ALL_FACES, Conditions, FACES, Load, Prescribed};
+use super::frame::Frame;
+use super::load::{ALL_FACES, Conditions, Load, Prescribed};
 use super::options::Solver;
-use super::report::{DeckPhase, DeckReport, LateralFaces};
+use super::report::{DeckReport, LateralFaces};
 use super::sets::NodeSets;
 use crate::export::Provenance;
+use crate::export::solid::PlaneState;
 
 /// Name of the deck: the job that a solver is told to run.
 pub(super) const MODEL: &str = "model";
 /// Characters of a number that CalculiX reads.
 const MOST_CHARACTERS: usize = 20;
-const AXES: [&str; 3] = ["x", "y", "z"];
 /// What the numbers of a deck mean.
 pub(super) const UNITS: &str = "Units: mm, N, MPa, tonne, s, K (density tonne/mm3, conductivity mW/(mm K)).";
 
@@ -32,6 +33,22 @@ pub(super) fn head(report: &DeckReport, provenance: Option<&Provenance>) -> Vec<
         format!("Packstone {}: deck for {}, load {}", crate::VERSION, report.solver.title(), amount(report)),
         UNITS.to_owned(),
     ];
+    if let Some(made) = &report.tetrahedra {
+        lines.push(format!(
+            "Mesh: {} tetrahedra by {}, smallest gamma {:.3}",
+            made.elements, made.mesher, made.smallest_gamma
+        ));
+    }
+    if let (Some(plane), Some(made)) = (&report.plane, &report.triangles) {
+        lines.push(format!(
+            "Mesh: {} triangles of the cut across {} at {} mm by {}, smallest gamma {:.3}",
+            made.elements,
+            plane.axis.name(),
+            plane.at_mm,
+            made.mesher,
+            made.smallest_gamma
+        ));
+    }
     if let Some(from) = provenance {
         let mut line = String::from("Packing:");
         if let Some(seed) = from.seed {
@@ -64,9 +81,9 @@ pub(super) fn comments(lines: &[String]) -> String {
 }
 
 /// The materials and the sections.
-pub(super) fn materials(head: &[String], phases: &[DeckPhase]) -> String {
+pub(super) fn materials(head: &[String], report: &DeckReport) -> String {
     let mut text = comments(head);
-    for phase in phases {
+    for phase in &report.phases {
         let name = &phase.name;
         let _ = writeln!(text, "*MATERIAL, NAME={name}\n*ELASTIC");
         let _ =
@@ -82,6 +99,9 @@ pub(super) fn materials(head: &[String], phases: &[DeckPhase]) -> String {
         }
         let _ = writeln!(text, "** Plasticity and damage of {name} go here, before its section.");
         let _ = writeln!(text, "*SOLID SECTION, ELSET={name}, MATERIAL={name}");
+        if let Some(plane) = &report.plane {
+            let _ = writeln!(text, "{}", number(plane.thickness_mm));
+        }
     }
     text
 }
@@ -138,6 +158,10 @@ pub(super) fn model(
     }
     text.push_str("** Output.\n");
     text.push_str(match report.solver {
+        // CalculiX computes plane elements as solid ones, whose nodes have other numbers.
+        Solver::Calculix if report.plane.is_some() => {
+            "*NODE FILE, OUTPUT=2D\nU\n*EL FILE, OUTPUT=2D\nS, E\n"
+        }
         Solver::Calculix => "*NODE FILE\nU\n*EL FILE\nS, E\n",
         Solver::Abaqus => {
             "*OUTPUT, FIELD\n*NODE OUTPUT\nU, RF\n*ELEMENT OUTPUT\nS, E\n*OUTPUT, HISTORY, VARIABLE=PRESELECT\n"
@@ -159,7 +183,7 @@ pub(super) fn push_equation(text: &mut Vec<u8>, node: u32, first: u32, axis: usi
 }
 
 /// The README.
-pub(super) fn readme(head: &[String], report: &DeckReport) -> String {
+pub(super) fn readme(head: &[String], report: &DeckReport, frame: &Frame) -> String {
     let mut text = String::new();
     for line in head {
         let _ = writeln!(text, "{line}");
@@ -174,6 +198,18 @@ pub(super) fn readme(head: &[String], report: &DeckReport) -> String {
         report.nodes,
         report.degrees_of_freedom
     );
+    if let Some(plane) = &report.plane {
+        let _ = writeln!(
+            text,
+            "A plane model: the cut across {} at {} mm, in plane {}. x and y of the mesh are {} and {} of the specimen; faces\n\
+             and loads have the names of the specimen's axes.",
+            plane.axis.name(),
+            plane.at_mm,
+            plane.state.name(),
+            frame.name(0),
+            frame.name(1)
+        );
+    }
     for phase in &report.phases {
         let _ = writeln!(
             text,
@@ -199,9 +235,9 @@ pub(super) fn readme(head: &[String], report: &DeckReport) -> String {
         }
     });
     text.push_str("\nBoundary conditions\n");
-    text.push_str(&conditions_in_words(report));
+    text.push_str(&conditions_in_words(report, frame));
     text.push_str("\nProperties\n");
-    text.push_str(&properties_in_words(report));
+    text.push_str(&properties_in_words(report, frame));
     text.push_str(
         "\nFiles\n  model.inp      supports, load, step and output; includes the others\n  \
          mesh.inp       nodes, elements, a set of elements for each phase, a set of nodes and a surface for each face\n  \
@@ -212,26 +248,35 @@ pub(super) fn readme(head: &[String], report: &DeckReport) -> String {
     text
 }
 
-fn conditions_in_words(report: &DeckReport) -> String {
+fn conditions_in_words(report: &DeckReport, frame: &Frame) -> String {
     let is_free = report.lateral_faces == LateralFaces::Free;
-    if let Some([a, b]) = report.load.plane() {
-        let (a, b, c) = (AXES[a], AXES[b], AXES[3 - a - b]);
-        return format!(
-            "The faces across {a} are displaced along {b}, those across {b} along {a}, by half of the shear angle each.\n\
-             No face moves along {c}. All other displacements are free. (A cell that is mirrored at its faces and\n\
-             sheared as a whole has these displacements.)\n"
+    if let Some([a, b]) = sheared(report, frame) {
+        let mut text = format!(
+            "The faces across {a} are displaced along {b}, those across {b} along {a}, by half of the shear angle each.\n",
+            a = frame.name(a),
+            b = frame.name(b)
         );
+        if let Some(c) = (0..frame.dimension()).find(|c| ![a, b].contains(c)) {
+            let _ = writeln!(text, "No face moves along {}.", frame.name(c));
+        }
+        text.push_str(
+            "All other displacements are free. (A cell that is mirrored at its faces and sheared as a whole has these\n\
+             displacements.)\n",
+        );
+        return text;
     }
     let mut text = String::new();
-    let held: &[&str] = if is_free { &["z_min"] } else { &["x_min", "y_min", "z_min"] };
+    let held: Vec<&str> =
+        (if is_free { 2..3 } else { 0..frame.dimension() }).map(|axis| frame.faces(axis)[0]).collect();
     let _ = writeln!(
         text,
         "Smooth rigid plates hold the faces: every node of a face has the same displacement normal to it and none\n\
          along it. {} do not move.",
         held.join(", ")
     );
-    if let Some(axis) = report.load.axis() {
-        let _ = writeln!(text, "{} is moved by the strain times the edge of the specimen.", FACES[axis][1]);
+    if let Some(axis) = stretched(report, frame) {
+        let _ =
+            writeln!(text, "{} is moved by the strain times the edge of the specimen.", frame.faces(axis)[1]);
     }
     if is_free {
         text.push_str(
@@ -250,29 +295,49 @@ fn conditions_in_words(report: &DeckReport) -> String {
     text
 }
 
-fn properties_in_words(report: &DeckReport) -> String {
+/// The axis of the mesh that a load stretches.
+fn stretched(report: &DeckReport, frame: &Frame) -> Option<usize> {
+    frame.place(report.load.axis()?)
+}
+
+/// The axes of the mesh whose plane a load shears.
+fn sheared(report: &DeckReport, frame: &Frame) -> Option<[usize; 2]> {
+    let [a, b] = report.load.plane()?;
+    Some([frame.place(a)?, frame.place(b)?])
+}
+
+fn properties_in_words(report: &DeckReport, frame: &Frame) -> String {
     let volume = report.volume_mm3;
-    let [x, y, z] = report.size_mm;
-    let lengths = [x, y, z];
-    if let Some([a, b]) = report.load.plane() {
+    if let Some([a, b]) = sheared(report, frame) {
         return format!(
             "Mean stress: sum of RF{} times {} over the set faces, divided by {volume} mm3.\n\
              Shear modulus: the mean stress divided by the shear angle.\n",
             a + 1,
-            AXES[b]
+            ["x", "y", "z"][b]
         );
     }
-    if let Some(axis) = report.load.axis() {
-        let area = volume / lengths[axis];
-        return format!(
+    if let Some(axis) = stretched(report, frame) {
+        let area = volume / frame.size_mm[axis];
+        let mut text = format!(
             "Young's modulus: sum of RF{} over the set {}, divided by {area} mm2 and by the strain.\n\
              Poisson's ratio: minus the lateral strain divided by the strain; the lateral strain is the displacement of\n\
              a lateral plate divided by the edge, of a cylinder the radial displacement divided by the radius.\n",
             axis + 1,
-            FACES[axis][1]
+            frame.faces(axis)[1]
         );
+        if report.plane.is_some_and(|plane| plane.state == PlaneState::Strain) {
+            text.push_str(
+                "Both are those of plane strain: E / (1 - nu^2) and nu / (1 - nu) of an isotropic solid.\n",
+            );
+        }
+        return text;
     }
-    "Coefficient of expansion along an axis: displacement of the plate divided by the edge and by the change of the\n\
-     temperature.\n"
-        .to_owned()
+    let mut text = String::from(
+        "Coefficient of expansion along an axis: displacement of the plate divided by the edge and by the change of the\n\
+         temperature.\n",
+    );
+    if report.plane.is_some_and(|plane| plane.state == PlaneState::Strain) {
+        text.push_str("It is that of plane strain: (1 + nu) times that of an isotropic solid.\n");
+    }
+    text
 }

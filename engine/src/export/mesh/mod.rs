@@ -232,7 +232,7 @@ impl MeshRequest {
     }
 
     /// Whether `max_segments` is what `segments` implies.
-    pub(super) fn has_default_max_segments(&self) -> bool {
+    pub(in crate::export) fn has_default_max_segments(&self) -> bool {
         self.surfaces().is_none_or(SurfaceOptions::has_default_max_segments)
     }
 

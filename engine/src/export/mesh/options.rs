@@ -129,6 +129,19 @@ impl Default for SurfaceOptions {
 }
 
 impl SurfaceOptions {
+    /// Names of the options.
+    pub(in crate::export) const NAMES: [&str; 9] = [
+        "segments",
+        "size_mm",
+        "min_size_mm",
+        "max_size_mm",
+        "size_field",
+        "max_segments",
+        "volume_correction",
+        "faces",
+        "max_bytes",
+    ];
+
     /// These segments, and the size field up to four times as many.
     #[must_use]
     pub fn with_segments(self, segments: u32) -> Self {

@@ -2,20 +2,19 @@
 //! chords.
 //!
 //! A section that is drawn has as many corners as it takes to look round, and a plane cuts off corners of a polyhedron
-//! in sides of any length. A mesh has edges of a twentieth of the circumference of the section, or of the largest
-//! element where that is shorter. Parts that are curved, or shorter than a third of such an edge, are divided evenly;
+//! in sides of any length. A mesh has edges of a share of the circumference of the section, a twentieth where nothing
+//! else is requested, or of the largest element where that is shorter. Parts that are curved, or shorter than a third of such an edge, are divided evenly;
 //! one that is shorter than that as a whole becomes its middle. The polygon is then enlarged about its centroid to the
 //! area of the section, as far as a quarter of the gaps to other sections and half of those to the edges of the cut
 //! allow. A section without such parts stays as it is.
 
 use std::collections::HashMap;
 
+use super::geo::Sizes;
 use super::{Cut, Figure, Outline, Polygon};
 use crate::elementary::hypot;
 use crate::sorting;
 
-/// Edges along the circumference of a section.
-const SEGMENTS: f64 = 20.0;
 /// Parts of the boundary that are shorter than that share of an edge are divided with their neighbours.
 const SHORT: f64 = 0.35;
 /// No section has to be enlarged by more.
@@ -26,9 +25,9 @@ type Point = [f64; 2];
 type Image = (usize, u64);
 
 /// The corners of each section of a polyhedron with curved or short sides, about its centre; none of other sections.
-pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
+pub(super) fn corners(cut: &Cut, sizes: Sizes) -> Vec<Option<Vec<Point>>> {
     let all: Vec<Option<&Polygon>> =
-        cut.sections.iter().map(|section| uneven(&section.figure, longest_mm)).collect();
+        cut.sections.iter().map(|section| uneven(&section.figure, sizes)).collect();
     if all.iter().all(Option::is_none) {
         return vec![None; all.len()];
     }
@@ -37,7 +36,7 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
     let mut made: Vec<Option<(Vec<Point>, Image)>> = Vec::with_capacity(all.len());
     for ((section, polygon), room) in cut.sections.iter().zip(all).zip(rooms) {
         made.push(polygon.map(|polygon| {
-            let corners = divided(polygon, edge_mm(polygon, longest_mm));
+            let corners = divided(polygon, edge_mm(polygon, sizes));
             let (area, outer) = (polygon.area_mm2(), section.figure.outer_mm());
             let wanted = (area / super::polygon::area(&corners)).sqrt();
             let factor = wanted.min(1.0 + room / outer);
@@ -56,10 +55,10 @@ pub(super) fn corners(cut: &Cut, longest_mm: f64) -> Vec<Option<Vec<Point>>> {
 }
 
 /// The polygon of a section that has curved or short sides.
-fn uneven(figure: &Figure, longest_mm: f64) -> Option<&Polygon> {
+fn uneven(figure: &Figure, sizes: Sizes) -> Option<&Polygon> {
     match figure {
         Figure::Polygon(polygon) => {
-            let edge_mm = edge_mm(polygon, longest_mm);
+            let edge_mm = edge_mm(polygon, sizes);
             (0..polygon.corners_mm.len()).any(|side| is_soft(polygon, side, edge_mm)).then_some(polygon)
         }
         Figure::Circle { .. } | Figure::Ellipse(_) => None,
@@ -67,8 +66,8 @@ fn uneven(figure: &Figure, longest_mm: f64) -> Option<&Polygon> {
 }
 
 /// Length of the edges of the mesh along a section.
-fn edge_mm(polygon: &Polygon, longest_mm: f64) -> f64 {
-    longest_mm.min(circumference(&polygon.corners_mm) / SEGMENTS)
+fn edge_mm(polygon: &Polygon, sizes: Sizes) -> f64 {
+    sizes.longest_mm.min(circumference(&polygon.corners_mm) / f64::from(sizes.segments))
 }
 
 /// Whether the side from that corner to the next is curved or short.
@@ -224,6 +223,8 @@ fn to_outline(cut: &Cut, corners: &[Point]) -> f64 {
 mod tests {
     use super::*;
 
+    const SIZES: Sizes = Sizes { segments: 20, longest_mm: 1.0 };
+
     /// A square of edge 2 whose corners are quarters of circles with the radius `r`.
     fn rounded_square(r: f64) -> Polygon {
         let (mut corners_mm, mut is_curved) = (Vec::new(), Vec::new());
@@ -247,18 +248,18 @@ mod tests {
             is_curved: Vec::new(),
         };
         let short = cut_off(0.05);
-        assert!(uneven(&Figure::Polygon(short.clone()), 1.0).is_some());
-        let corners = divided(&short, edge_mm(&short, 1.0));
+        assert!(uneven(&Figure::Polygon(short.clone()), SIZES).is_some());
+        let corners = divided(&short, edge_mm(&short, SIZES));
         assert_eq!(corners.len(), 4, "{corners:?}");
         assert!(corners.contains(&[0.975, 0.975]) && corners.contains(&[-1.0, -1.0]), "{corners:?}");
-        assert!(uneven(&Figure::Polygon(cut_off(0.5)), 1.0).is_none());
+        assert!(uneven(&Figure::Polygon(cut_off(0.5)), SIZES).is_none());
     }
 
     #[test]
     fn a_rounded_square_has_few_corners_and_no_short_edges() {
         for (r, most) in [(0.02, 4), (0.1, 8), (0.3, 12), (0.9, 24)] {
             let polygon = rounded_square(r);
-            let edge_mm = circumference(&polygon.corners_mm) / SEGMENTS;
+            let edge_mm = circumference(&polygon.corners_mm) / 20.0;
             let corners = divided(&polygon, edge_mm);
             assert!(corners.len() >= 4 && corners.len() <= most, "{r}: {}", corners.len());
             let shortest = (0..corners.len()).map(|i| length(corners[i], corners[(i + 1) % corners.len()]));

@@ -206,6 +206,7 @@ impl Cut {
             aggregate_area_mm2,
             area_fraction: aggregate_area_mm2 / area_mm2,
             image: None,
+            triangles: None,
         }
     }
 }

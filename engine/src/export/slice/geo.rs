@@ -1,6 +1,6 @@
 //! A Gmsh script of a cut: plane surfaces of matrix and aggregates that share their edges, with physical groups.
 //!
-//! Groups: surfaces `matrix` and `aggregates`, curves `itz` and one per edge of the outline (`x_min` and so on;
+//! Groups: surfaces `matrix` and `aggregates`, or one for each of several aggregates, curves `itz` and one per edge of the outline (`x_min` and so on;
 //! `side` where that is a cylinder's lateral surface). Where all sections lie inside, the matrix is made with its holes
 //! at once; sections that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
 //!
@@ -14,6 +14,7 @@ use std::io::{self, Write};
 use super::{Cut, Figure, Outline, Section};
 use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
+use crate::export::groups::AggregateGroups;
 use crate::gap::ellipsoids::Body;
 use crate::request::GrainKind;
 use crate::sorting;
@@ -25,7 +26,10 @@ const ELEMENTS_PER_EDGE: f64 = 25.0;
 /// Tags of circles start after those of the outline's edges, those of surfaces after that of the matrix.
 const FIRST_CIRCLE: usize = 5;
 const FIRST_GRAIN: usize = 2;
+/// Name of the group of all sections, where the mix names no aggregates.
+const AGGREGATES: &str = "aggregates";
 
+// Gmsh reads a line before it runs the macro that the line calls: what needs its results stands on the next one.
 const ENLARGE: &str = "\
 // Enlarges the radius r so that a regular polygon has the area of the circle, up to most.
 Macro Enlarge
@@ -60,15 +64,36 @@ Return
 itz() = {};
 ";
 
-pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
-    let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
-    let long = (u1 - u0).max(v1 - v0);
+/// How long the edges of a mesh are.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sizes {
+    /// Elements along the circumference of a section.
+    pub(super) segments: u32,
+    /// Edge of the largest element.
+    pub(super) longest_mm: f64,
+}
+
+impl Sizes {
+    /// Those where nothing else is requested.
+    pub(super) fn of(outline: &Outline) -> Self {
+        let [[u0, u1], [v0, v1]] = outline.bounds_mm();
+        Self { segments: SEGMENTS, longest_mm: (u1 - u0).max(v1 - v0) / ELEMENTS_PER_EDGE }
+    }
+}
+
+pub(super) fn write(
+    cut: &Cut,
+    sizes: Sizes,
+    groups: &AggregateGroups<'_>,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    let segments = sizes.segments;
     let (axis, [u, v]) = (cut.axis.name(), cut.axis.plane().each(super::Axis::name));
     write!(
         out,
         "// Cut at {axis} = {at} mm, {n} {noun}; x and y here are {u} and {v} of the specimen, in mm.\n\
          SetFactory(\"OpenCASCADE\");\n\
-         DefineConstant[ segments = {{{SEGMENTS}, Name \"Segments per circumference\"}} ];\n\
+         DefineConstant[ segments = {{{segments}, Name \"Segments per circumference\"}} ];\n\
          DefineConstant[ size_max = {{{size}, Name \"Largest element, mm\"}} ];\n\
          Mesh.MeshSizeFromCurvature = segments;\n\
          Mesh.MeshSizeMax = size_max;\n\
@@ -76,7 +101,7 @@ pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         at = cut.at_mm,
         n = cut.sections.len(),
         noun = cut.noun(),
-        size = long / ELEMENTS_PER_EDGE,
+        size = sizes.longest_mm,
     )?;
     if matches!(cut.kind, GrainKind::Ellipsoids | GrainKind::Mixed) {
         out.write_all(ELLIPSE_AS_POLYGON.as_bytes())?;
@@ -85,9 +110,9 @@ pub(super) fn write(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
         writeln!(out, "itz() = {{}};")?;
     }
     if cut.sections.iter().any(|section| section.clipped) {
-        clipped(cut, out)?;
+        clipped(cut, sizes, groups, out)?;
     } else {
-        with_holes(cut, out)?;
+        with_holes(cut, sizes, groups, out)?;
     }
     edges(cut, out)
 }
@@ -123,11 +148,11 @@ fn surface(
     match (&section.figure, curve) {
         (Figure::Circle { radius_mm: r }, Some(curve)) => writeln!(
             out,
-            "r = {r}; most = {most}; Call Enlarge; Circle({curve}) = {{{u}, {v}, 0, r, 0, 2*Pi}}; \
+            "r = {r}; most = {most}; Call Enlarge;\nCircle({curve}) = {{{u}, {v}, 0, r, 0, 2*Pi}}; \
              Curve Loop({surface}) = {{{curve}}}; Plane Surface({surface}) = {{{surface}}};"
         ),
         (Figure::Circle { radius_mm: r }, None) => {
-            writeln!(out, "r = {r}; most = {most}; Call Enlarge; Disk({surface}) = {{{u}, {v}, 0, r}};")
+            writeln!(out, "r = {r}; most = {most}; Call Enlarge;\nDisk({surface}) = {{{u}, {v}, 0, r}};")
         }
         (Figure::Polygon(polygon), _) => {
             let corners = coarse.unwrap_or(&polygon.corners_mm);
@@ -157,18 +182,44 @@ fn surface(
     }
 }
 
-/// Corners of the sections of polyhedra that have curved or short sides.
-fn coarse_corners(cut: &Cut) -> Vec<Option<Vec<[f64; 2]>>> {
-    let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
-    super::coarse::corners(cut, (u1 - u0).max(v1 - v0) / ELEMENTS_PER_EDGE)
+/// The sections of each aggregate, by the name of its group: places in the list. One group where the mix names no
+/// aggregates.
+fn by_group<'a>(
+    sections: impl Iterator<Item = &'a Section>,
+    groups: &'a AggregateGroups<'_>,
+) -> Vec<(&'a str, Vec<usize>)> {
+    let mut all: Vec<(usize, &str, Vec<usize>)> = if groups.is_empty() {
+        vec![(0, AGGREGATES, Vec::new())]
+    } else {
+        groups.with_grains().map(|(number, name)| (number, name, Vec::new())).collect()
+    };
+    for (place, section) in sections.enumerate() {
+        let number = groups.of_grain(section.grain);
+        if let Some((_, _, places)) = all.iter_mut().find(|(own, _, _)| *own == number) {
+            places.push(place);
+        }
+    }
+    all.into_iter()
+        .filter(|(_, _, places)| !places.is_empty())
+        .map(|(_, name, places)| (name, places))
+        .collect()
+}
+
+/// Tags from a first one on as a list of the script; without gaps as a range.
+fn tags(places: &[usize], first: usize) -> String {
+    let is_range = places.windows(2).all(|pair| pair[0] + 1 == pair[1]);
+    match (places, is_range) {
+        ([from, .., to], true) => format!("{}:{}", first + from, first + to),
+        _ => places.iter().map(|place| (first + place).to_string()).collect::<Vec<_>>().join(", "),
+    }
 }
 
 /// All sections inside: their loops are holes of the matrix and edges of the aggregates.
-fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
+fn with_holes(cut: &Cut, sizes: Sizes, groups: &AggregateGroups<'_>, out: &mut dyn Write) -> io::Result<()> {
     outline(cut, out)?;
     let n = cut.sections.len();
     let most = most_radii(cut);
-    let coarse = coarse_corners(cut);
+    let coarse = super::coarse::corners(cut, sizes);
     for (i, ((section, most), coarse)) in cut.sections.iter().zip(most).zip(&coarse).enumerate() {
         surface(section, coarse.as_deref(), most, FIRST_GRAIN + i, Some(FIRST_CIRCLE + i), out)?;
     }
@@ -183,44 +234,59 @@ fn with_holes(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
     writeln!(
         out,
         "Plane Surface(1) = {{1:{last_grain}}};\n\
-         Physical Surface(\"matrix\") = {{1}};\n\
-         Physical Surface(\"aggregates\") = {{{FIRST_GRAIN}:{last_grain}}};\n\
-         Physical Curve(\"itz\") = {{{itz}}};"
-    )
+         Physical Surface(\"matrix\") = {{1}};"
+    )?;
+    for (name, places) in by_group(cut.sections.iter(), groups) {
+        writeln!(out, "Physical Surface(\"{name}\") = {{{}}};", tags(&places, FIRST_GRAIN))?;
+    }
+    writeln!(out, "Physical Curve(\"itz\") = {{{itz}}};")
 }
 
 /// Some sections cross the rectangle: they are clipped by it, then all is made to fit together.
-fn clipped(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
+fn clipped(cut: &Cut, sizes: Sizes, groups: &AggregateGroups<'_>, out: &mut dyn Write) -> io::Result<()> {
     let [[u0, u1], [v0, v1]] = cut.outline.bounds_mm();
     writeln!(out, "Rectangle(1) = {{{u0}, {v0}, 0, {}, {}}};", u1 - u0, v1 - v0)?;
     // Those inside first, so that each kind is one range of tags.
     let most = most_radii(cut);
-    let coarse = coarse_corners(cut);
+    let coarse = super::coarse::corners(cut, sizes);
     let all = cut.sections.iter().zip(most.iter().zip(&coarse));
     let inside = all.clone().filter(|(section, _)| !section.clipped);
     let crossing = all.filter(|(section, _)| section.clipped);
-    for (i, (section, (most, coarse))) in inside.clone().chain(crossing).enumerate() {
+    for (i, (section, (most, coarse))) in inside.clone().chain(crossing.clone()).enumerate() {
         surface(section, coarse.as_deref(), *most, FIRST_GRAIN + i, None, out)?;
     }
-    let first_crossing = FIRST_GRAIN + inside.count();
-    let last = FIRST_GRAIN + cut.sections.len() - 1;
-    writeln!(
-        out,
-        "grains() = BooleanIntersection{{ Surface{{{first_crossing}:{last}}}; Delete; }}{{ Surface{{1}}; }};"
-    )?;
-    if first_crossing > FIRST_GRAIN {
-        writeln!(out, "grains() += {{{FIRST_GRAIN}:{}}};", first_crossing - 1)?;
+    let first_crossing = inside.clone().count();
+    let in_order = inside.chain(crossing).map(|(section, _)| section);
+    let by_group = by_group(in_order, groups);
+    for (number, (_, places)) in (1..).zip(&by_group) {
+        let (whole, crossing) = places.split_at(places.partition_point(|place| *place < first_crossing));
+        writeln!(out, "grains_{number}() = {{}};")?;
+        if !crossing.is_empty() {
+            writeln!(
+                out,
+                "grains_{number}() = BooleanIntersection{{ Surface{{{}}}; Delete; }}{{ Surface{{1}}; }};",
+                tags(crossing, FIRST_GRAIN)
+            )?;
+        }
+        if !whole.is_empty() {
+            writeln!(out, "grains_{number}() += {{{}}};", tags(whole, FIRST_GRAIN))?;
+        }
     }
+    let names: Vec<String> = (1..=by_group.len()).map(|number| format!("grains_{number}()")).collect();
     writeln!(
         out,
-        "all() = BooleanFragments{{ Surface{{1}}; Delete; }}{{ Surface{{grains()}}; Delete; }};\n\
+        "grains() = {{{}}};\n\
+         all() = BooleanFragments{{ Surface{{1}}; Delete; }}{{ Surface{{grains()}}; Delete; }};\n\
          matrix() = all(); matrix() -= grains();\n\
          edges() = Abs(CombinedBoundary{{ Surface{{all()}}; }});\n\
          itz() = Abs(Boundary{{ Surface{{grains()}}; }}); itz() -= edges();\n\
-         Physical Surface(\"matrix\") = {{matrix()}};\n\
-         Physical Surface(\"aggregates\") = {{grains()}};\n\
-         Physical Curve(\"itz\") = {{itz()}};"
-    )
+         Physical Surface(\"matrix\") = {{matrix()}};",
+        names.join(", ")
+    )?;
+    for ((name, _), list) in by_group.iter().zip(&names) {
+        writeln!(out, "Physical Surface(\"{name}\") = {{{list}}};")?;
+    }
+    writeln!(out, "Physical Curve(\"itz\") = {{itz()}};")
 }
 
 /// The groups of the outline's edges.

@@ -1,6 +1,6 @@
 //! Plane cuts through a packing: the sections of its grains, their area, and the picture, table or 2D model of them.
 //!
-//! The common two-dimensional mesoscale model of concrete is such a cut. A cut is perpendicular to one axis; its
+//! The common two-dimensional mesoscale model of concrete is such a cut; `triangles` meshes it. A cut is perpendicular to one axis; its
 //! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
 //! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows
 //! grains and their specimen; it must
@@ -15,6 +15,7 @@ mod overlap;
 mod png;
 mod polygon;
 mod svg;
+mod triangles;
 
 use std::io::{BufWriter, Write};
 
@@ -24,9 +25,12 @@ pub use cut::{Cut, Outline, Section};
 pub use figure::{Ellipse, Figure};
 pub use json::SliceDocument;
 pub use polygon::{Polygon, TOLERANCE};
+pub(super) use triangles::mesh_of;
+pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 
 use crate::arrays::Each as _;
 use crate::control::{Control, Phase, Progress};
+use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::GrainKind;
@@ -53,11 +57,22 @@ pub enum SliceFormat {
     Json,
     /// A Gmsh script of the plane surfaces, for a 2D mesh.
     Geo,
+    /// A Gmsh file (MSH 4.1) of triangles.
+    Msh,
+    /// Triangles as keywords for Abaqus and `CalculiX`.
+    Inp,
+    /// Triangles as an unstructured grid of VTK.
+    Vtu,
 }
 
 impl SliceFormat {
     /// All formats.
-    pub const ALL: [Self; 4] = [Self::Svg, Self::Png, Self::Json, Self::Geo];
+    pub const ALL: [Self; 7] = [Self::Svg, Self::Png, Self::Json, Self::Geo, Self::Msh, Self::Inp, Self::Vtu];
+
+    /// Whether it has triangles, which an installed Gmsh makes.
+    pub fn has_triangles(self) -> bool {
+        matches!(self, Self::Msh | Self::Inp | Self::Vtu)
+    }
 
     /// Name of the format, and file extension.
     pub fn name(self) -> &'static str {
@@ -66,6 +81,9 @@ impl SliceFormat {
             Self::Png => "png",
             Self::Json => "json",
             Self::Geo => "geo",
+            Self::Msh => "msh",
+            Self::Inp => "inp",
+            Self::Vtu => "vtu",
         }
     }
 
@@ -75,16 +93,45 @@ impl SliceFormat {
             Self::Svg => "image/svg+xml",
             Self::Png => "image/png",
             Self::Json => "application/json",
-            Self::Geo => "text/plain",
+            Self::Geo | Self::Inp => "text/plain",
+            Self::Msh => "application/vnd.gmsh.msh",
+            Self::Vtu => "application/vnd.vtk.unstructuredgrid+xml",
         }
+    }
+}
+
+/// Which cut, in which format, and of which triangles where that has some.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SliceOptions {
+    /// The cut and its format.
+    #[serde(flatten)]
+    pub cut: CutOptions,
+    /// The triangles, where there are any.
+    #[serde(flatten)]
+    pub triangles: Option<TriangleOptions>,
+}
+
+/// One object with the fields of both: a request may have no others.
+#[cfg(feature = "openapi")]
+impl utoipa::PartialSchema for SliceOptions {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
+        crate::export::schema::merged([CutOptions::schema(), TriangleOptions::schema()])
+    }
+}
+
+#[cfg(feature = "openapi")]
+impl utoipa::ToSchema for SliceOptions {
+    fn schemas(schemas: &mut Vec<(String, utoipa::openapi::RefOr<utoipa::openapi::schema::Schema>)>) {
+        CutOptions::schemas(schemas);
+        TriangleOptions::schemas(schemas);
     }
 }
 
 /// Which cut, and in which format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = SliceOptions))]
-pub struct SliceOptions {
-    /// What is made of the cut.
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CutOptions {
+    /// What is made of the cut. Default: `svg`, or `msh` where `elements` is given.
     #[cfg_attr(feature = "openapi", schema(default = "svg", required = false))]
     pub format: SliceFormat,
     /// The axis that the cut is perpendicular to.
@@ -105,18 +152,34 @@ impl SliceOptions {
     ///
     /// `None` means that faults were reported.
     pub fn read(object: &mut Object<'_>) -> Option<Self> {
+        let cut = CutOptions::read(object);
+        let has_triangles = cut.as_ref().is_some_and(|cut| cut.format.has_triangles());
+        let triangles = if has_triangles { Some(TriangleOptions::read(object)?) } else { None };
+        Some(Self { cut: cut?, triangles })
+    }
+}
+
+/// Reads `axis` and `at_mm` out of a request; faults go where the object's go.
+pub(super) fn read_place(object: &mut Object<'_>) -> Option<(Axis, Option<f64>)> {
+    let axis = match object.optional("axis") {
+        Some(at) => at.choice(&Axis::ALL.map(|axis| (axis.name(), axis))),
+        None => Some(Axis::Z),
+    };
+    let at_mm = match object.optional("at_mm") {
+        Some(at) => at.number(Bound::closed(0.0, MAX_LENGTH_MM, "mm")).map(Some),
+        None => Some(None),
+    };
+    Some((axis?, at_mm?))
+}
+
+impl CutOptions {
+    fn read(object: &mut Object<'_>) -> Option<Self> {
+        let standard = if object.has("elements") { SliceFormat::Msh } else { SliceFormat::Svg };
         let format = match object.optional("format") {
             Some(at) => at.choice(&SliceFormat::ALL.map(|format| (format.name(), format))),
-            None => Some(SliceFormat::Svg),
+            None => Some(standard),
         };
-        let axis = match object.optional("axis") {
-            Some(at) => at.choice(&Axis::ALL.map(|axis| (axis.name(), axis))),
-            None => Some(Axis::Z),
-        };
-        let at_mm = match object.optional("at_mm") {
-            Some(at) => at.number(Bound::closed(0.0, MAX_LENGTH_MM, "mm")).map(Some),
-            None => Some(None),
-        };
+        let place = read_place(object);
         let pixels = match object.optional("pixels") {
             Some(at) if format.is_some_and(|format| format != SliceFormat::Png) => {
                 at.fault("pixels are for the format \"png\": leave them out");
@@ -125,7 +188,8 @@ impl SliceOptions {
             Some(at) => at.integer(MIN_PIXELS.into(), MAX_PIXELS.into()).map(|n| Some(n as u32)),
             None => Some((format == Some(SliceFormat::Png)).then_some(DEFAULT_PIXELS)),
         };
-        Some(Self { format: format?, axis: axis?, at_mm: at_mm?, pixels: pixels? })
+        let (axis, at_mm) = place?;
+        Some(Self { format: format?, axis, at_mm, pixels: pixels? })
     }
 
     /// Where the cut of that specimen meets its axis.
@@ -169,6 +233,10 @@ pub struct SliceReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub image: Option<Image>,
+    /// The triangles, for the formats that have them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub triangles: Option<TriangleReport>,
 }
 
 /// Measures of a picture.
@@ -184,8 +252,21 @@ pub struct Image {
 /// Judges options before there are grains.
 ///
 /// # Errors
-/// [`ExportError::Invalid`] where the plane does not cut the specimen.
-pub fn check(specimen: &Specimen, options: &SliceOptions, _: &Limits) -> Result<(), ExportError> {
+/// [`ExportError::Invalid`] where the plane does not cut the specimen, and [`ExportError::TooLarge`] for triangles that
+/// are too many.
+pub fn check(specimen: &Specimen, options: &SliceOptions, limits: &Limits) -> Result<(), ExportError> {
+    let own = &options.cut;
+    check_place(specimen, own)?;
+    match &options.triangles {
+        Some(triangles) => {
+            let [u, v] = own.axis.plane().each(|axis| specimen.bounds_mm()[axis.index()]);
+            triangles.check([u, v], 0.0, limits)
+        }
+        None => Ok(()),
+    }
+}
+
+fn check_place(specimen: &Specimen, options: &CutOptions) -> Result<(), ExportError> {
     let at_mm = options.at_mm(specimen);
     let length = specimen.bounds_mm()[options.axis.index()];
     // A plane that touches a cylinder's lateral surface cuts out a line: nothing has a share of its area.
@@ -212,11 +293,18 @@ pub(super) fn expected_bytes(
     kind: GrainKind,
 ) -> u64 {
     let bounds = specimen.bounds_mm();
+    let SliceOptions { cut: options, triangles } = options;
     let sections = sum_mm / bounds[options.axis.index()];
+    if let Some(triangles) = triangles {
+        let size_mm = options.axis.plane().each(|axis| bounds[axis.index()]);
+        return triangles.expected_bytes(size_mm, sections);
+    }
     let (frame, per_circle, per_ellipse, per_polygon) = match options.format {
         SliceFormat::Svg => (1000.0, 45.0, 115.0, 550.0),
         SliceFormat::Json => (350.0, 105.0, 145.0, 1800.0),
-        SliceFormat::Geo => (1400.0, 190.0, 165.0, 3600.0),
+        SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
+            (1400.0, 190.0, 165.0, 3600.0)
+        }
         SliceFormat::Png => {
             let [u, v] = options.axis.plane().each(|axis| bounds[axis.index()]);
             let long = f64::from(options.pixels.unwrap_or(DEFAULT_PIXELS));
@@ -245,8 +333,15 @@ pub fn write(
 ) -> Result<SliceReport, ExportError> {
     check(model.specimen, options, limits)?;
     go_on(control)?;
+    let SliceOptions { cut: options, triangles } = options;
     let cut = Cut::new(model, options.axis, options.at_mm(model.specimen))?;
     let mut report = cut.report();
+    if let Some(triangles) = triangles {
+        let meshed = mesh_of(model, &cut, triangles, limits, control)?;
+        meshed.write(options.format, model.provenance, control, out)?;
+        report.triangles = Some(meshed.report);
+        return Ok(report);
+    }
     let progress = |done: u64, total: u64| {
         control.report(&Progress {
             phase: Phase::Export,
@@ -269,7 +364,10 @@ pub fn write(
             png::write(&cut, &image, &mut out, &progress)?;
         }
         SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
-        SliceFormat::Geo => geo::write(&cut, &mut out)?,
+        // Those with triangles are written above.
+        SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
+            geo::write(&cut, geo::Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
+        }
     }
     out.flush()?;
     progress(sections, sections)?;

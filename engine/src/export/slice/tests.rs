@@ -35,7 +35,7 @@ pub(super) fn cube(boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm: [10.0; 3], boundary }
 }
 
-fn spheres(rows: &[([f64; 3], f64)]) -> Spheres {
+pub(super) fn spheres(rows: &[([f64; 3], f64)]) -> Spheres {
     let mut spheres = Spheres::default();
     for (center, d) in rows {
         spheres.push(*center, *d);
@@ -55,13 +55,14 @@ fn packed(specimen: &Value, volume_fraction: f64) -> (Specimen, Spheres) {
 #[test]
 fn options_have_defaults_and_bounds() {
     let options = read(&json!({})).unwrap();
-    assert_eq!(options, SliceOptions { format: SliceFormat::Svg, axis: Axis::Z, at_mm: None, pixels: None });
-    assert_eq!(read(&json!({"format": "png"})).unwrap().pixels, Some(1000));
+    let cut = CutOptions { format: SliceFormat::Svg, axis: Axis::Z, at_mm: None, pixels: None };
+    assert_eq!(options, SliceOptions { cut, triangles: None });
+    assert_eq!(read(&json!({"format": "png"})).unwrap().cut.pixels, Some(1000));
     let faults = read(&json!({"format": "gif", "axis": "w", "at_mm": -1, "pixels": 9000, "zoom": 1}));
     assert_eq!(
         faults.unwrap_err(),
         [
-            "/format: \"gif\" is unknown: must be one of \"svg\", \"png\", \"json\", \"geo\"",
+            "/format: \"gif\" is unknown: must be one of \"svg\", \"png\", \"json\", \"geo\", \"msh\", \"inp\", \"vtu\"",
             "/axis: \"w\" is unknown: must be one of \"x\", \"y\", \"z\"",
             "/at_mm: -1 is out of range: must be at least 0 and at most 1000000 mm",
             "/pixels: 9000 is out of range: must be a whole number from 16 to 8192",
@@ -243,7 +244,7 @@ fn the_script_of_a_cut_has_all_groups() {
         assert_eq!(script.matches(&format!("\"{group}\"")).count(), 1, "{group}");
     }
     let (report, _) = written(&specimen, &spheres, &json!({"axis": "y"}));
-    assert_eq!(script.matches("Call Enlarge; Circle(").count() as u64, report.circle_count);
+    assert_eq!(script.matches("Call Enlarge;\nCircle(").count() as u64, report.circle_count);
     // Nothing is cut at the wall: no group is empty, which Gmsh would complain of.
     let empty = text(json!({"format": "geo", "at_mm": 0}));
     assert!(empty.contains("\"matrix\"") && !empty.contains("\"aggregates\""));

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::element::gamma;
-use super::{ELEMENTS_PER_LOOK, ElementKind, SolidMesh, steps};
+use super::{ELEMENTS_PER_LOOK, SolidMesh, steps};
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 use crate::memory::filled;
@@ -25,11 +24,12 @@ pub struct SolidMeasures {
     pub volume_mm3: f64,
     /// The phases: the matrix first.
     pub phases: Vec<PhaseMeasures>,
-    /// Least gamma of the tetrahedra (Gmsh's quality by their corners: 1 regular, 0 flat); absent for hexahedra.
+    /// Least gamma of tetrahedra or triangles (Gmsh's quality by their corners: 1 regular, 0 flat); absent for
+    /// hexahedra.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub smallest_gamma: Option<f64>,
-    /// Tetrahedra of a gamma below 0.03.
+    /// Tetrahedra or triangles of a gamma below 0.03.
     pub elements_below_gamma_0_03: u64,
 }
 
@@ -41,7 +41,7 @@ pub struct PhaseMeasures {
     pub name: String,
     /// Elements.
     pub elements: u64,
-    /// Their volume.
+    /// Their volume; that of plane elements is of a thickness of 1 mm.
     pub volume_mm3: f64,
 }
 
@@ -79,8 +79,7 @@ pub(super) fn of(mesh: &SolidMesh, control: &dyn Control) -> Result<SolidMeasure
         let own = &mut phases[usize::from(*phase)];
         own.elements += 1;
         own.volume_mm3 += volume;
-        if mesh.kind != ElementKind::Hexahedron8 {
-            let gamma = gamma(&points[..4]);
+        if let Some(gamma) = mesh.kind.gamma(points) {
             smallest = smallest.min(gamma);
             low += u64::from(gamma < LOW_GAMMA);
         }

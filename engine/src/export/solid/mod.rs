@@ -1,5 +1,5 @@
-//! Solid meshes of a packing: nodes, tetrahedra or hexahedra, a set of elements for each phase, and the faces of the
-//! specimen.
+//! Solid meshes of a packing, and plane ones of a cut: nodes, tetrahedra, hexahedra or triangles, a set of elements for
+//! each phase, and the faces of the specimen.
 //!
 //! [`SolidMesh`] is what a solver's deck is made of. `element` knows the shapes of elements (numbers of nodes, sides,
 //! volumes), `measures` checks a mesh, `inp` and `vtu` write it, [`msh`] reads it from a file of Gmsh.
@@ -21,14 +21,14 @@ use super::steps::Steps;
 use super::{ExportError, Provenance};
 use crate::control::Control;
 
-pub use element::ElementKind;
+pub use element::{ElementKind, PlaneState};
 pub use measures::{PhaseMeasures, SolidMeasures};
 pub use vtu::{NodeField, NodeValues};
 
 /// Elements between two looks at whether to stop.
 const ELEMENTS_PER_LOOK: usize = 1 << 12;
 
-/// A mesh of solid elements of one kind.
+/// A mesh of elements of one kind. Plane ones lie in the plane of x and y, and their faces are edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SolidMesh {
     /// Positions of the nodes, in mm. Each node belongs to an element.

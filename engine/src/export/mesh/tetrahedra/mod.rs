@@ -1,17 +1,17 @@
 //! Meshes of tetrahedra: the surfaces of a packing, filled by a program that the caller gives, read back and checked.
 //!
-//! `options` says how long edges are, `mesher` what the program is given, `size_field` how edges grow away from the
+//! `options` says how long edges are, `script` what the program is given, `size_field` how edges grow away from the
 //! surfaces. The tetrahedra keep the triangles of the surfaces, so that each grain keeps the volume of its polyhedron;
 //! mid nodes are the middles of edges, so that elements of the second order have it too and none is turned inside out.
 
-mod mesher;
 mod options;
+mod script;
 mod size_field;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
 
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -21,16 +21,16 @@ use super::options::SurfaceOptions;
 use super::surfaces::Mesh;
 use super::{SurfaceReport, check, estimate, msh};
 use crate::arrays::Each as _;
-use crate::control::{Control, Part, Phase, Progress, Unattended};
+use crate::control::{Control, Part, Unattended};
 use crate::elementary::powf;
 use crate::export::groups::AggregateGroups;
-use crate::export::solid::msh as gmsh_file;
-use crate::export::solid::{ElementKind, PhaseMeasures, PhaseRole, SolidMeasures, SolidMesh};
+use crate::export::mesher::{self, MeshDimension, MesherFiles, MesherInput};
+use crate::export::solid::msh::Bodies;
+use crate::export::solid::{ElementKind, PhaseMeasures, SolidMeasures, SolidMesh};
 use crate::export::{ExportError, Model};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
 
-pub use mesher::{FilledSurfaces, MesherInput, SIZES, SURFACES, TetrahedronMesher};
 pub use options::{MeshElements, MeshOptions, TetrahedronOptions};
 
 /// Tetrahedra for each triangle of the surfaces: measured, 3.0 to 4.7 (`docs/meshes.md`).
@@ -86,7 +86,7 @@ pub(in crate::export) struct Filled {
     /// The tetrahedra.
     pub(in crate::export) mesh: SolidMesh,
     pub(in crate::export) report: SurfaceReport,
-    files: Box<dyn FilledSurfaces>,
+    files: Box<dyn MesherFiles>,
 }
 
 /// Fills the surfaces of a packing with tetrahedra.
@@ -102,11 +102,7 @@ pub(in crate::export) fn fill(
     control: &dyn Control,
 ) -> Result<Filled, ExportError> {
     check(model.specimen)?;
-    let mesher = model.mesher.ok_or_else(|| {
-        ExportError::Unavailable(
-            "tetrahedra are made by Gmsh, and this program was built without a way to it".into(),
-        )
-    })?;
+    let mesher = mesher::of_model(model)?;
     let version = mesher.version()?;
     let mut size_mm = match options.target_elements {
         Some(target) => Some(size_for(model, surfaces, options, target)?),
@@ -122,16 +118,18 @@ pub(in crate::export) fn fill(
         let (mesh, report) = Mesh::bounded(model, &own, options.tet_size_matrix_mm, limits, &on_surfaces)?;
         refuse_too_large(&report, model.specimen, options, surfaces, limits)?;
         let sizes = sizes(model, &mesh, options, control)?;
-        let gmsh_options = mesher::options(options.order, sizes.is_some());
+        let gmsh_options = script::options(options.order, sizes.is_some());
         let groups = AggregateGroups::of(model);
+        let mut write = |out: &mut dyn Write| msh::write_mesh(&mesh, &groups, &Unattended, out);
         let input = MesherInput {
-            surfaces: &mut |out| msh::write_mesh(&mesh, &groups, &Unattended, out),
-            script: &mesher::script(&gmsh_options),
+            dimension: MeshDimension::Solid,
+            surfaces: Some(&mut write),
+            script: &script::script(&gmsh_options),
             sizes: sizes.as_deref(),
             also,
         };
         let files = mesher.fill(input, &Part::new(control, of_run(0.3), of_run(0.9)))?;
-        let solid = read(&*files, &Part::new(control, of_run(0.9), of_run(1.0)))?;
+        let solid = mesher::read(&*files, Bodies::Tetrahedra, &Part::new(control, of_run(0.9), of_run(1.0)))?;
         let count = solid.len() as f64;
         if let (Some(target), Some(size)) = (options.target_elements, &mut size_mm)
             && run < most_runs
@@ -141,13 +139,8 @@ pub(in crate::export) fn fill(
             continue;
         }
         let mut filled = Filled { mesh: solid, report, files };
-        filled.name_phases(model);
-        let measures = filled.mesh.check(control).map_err(|error| match error {
-            ExportError::CheckFailed(what) => {
-                ExportError::Mesher(format!("Gmsh's mesh cannot be used: {what}"))
-            }
-            other => other,
-        })?;
+        groups.name_phases(model, &mut filled.mesh.phases);
+        let measures = filled.mesh.check(control).map_err(mesher::unusable)?;
         filled.report.tetrahedra = Some(TetrahedronReport {
             elements: measures.elements,
             target_elements: options.target_elements,
@@ -293,28 +286,6 @@ fn sizes(
     field.to_bytes().map(Some)
 }
 
-/// Reads what the mesher has made.
-fn read(files: &dyn FilledSurfaces, control: &dyn Control) -> Result<SolidMesh, ExportError> {
-    control.report(&Progress {
-        phase: Phase::Export,
-        fraction: 0.0,
-        done: 0,
-        total: 0,
-        unit: "elements",
-        message: "reading the tetrahedra".into(),
-        growth: None,
-    });
-    let input: Box<dyn Read> = files.open("msh")?;
-    gmsh_file::read(input, control).map_err(|error| match error {
-        gmsh_file::MshError::Io(error) => ExportError::Write(error),
-        gmsh_file::MshError::OutOfMemory(error) => error.into(),
-        gmsh_file::MshError::Stopped => ExportError::Stopped,
-        damaged @ gmsh_file::MshError::Damaged { .. } => {
-            ExportError::Mesher(format!("Gmsh left no mesh of the packing: {damaged}"))
-        }
-    })
-}
-
 /// The volume inside closed surfaces, about a point on them, in mm³.
 fn volume_inside(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
     let origin = points.first().copied().map_or_else(Vector3::zeros, Vector3::from);
@@ -329,17 +300,6 @@ fn volume_inside(points: &[[f64; 3]], triangles: &[[u32; 3]]) -> f64 {
 }
 
 impl Filled {
-    /// Gives the aggregates the names of the request.
-    fn name_phases(&mut self, model: &Model<'_>) {
-        let given = model.provenance.map_or(&[][..], |provenance| &provenance.aggregates);
-        let groups = AggregateGroups::of(model);
-        for (number, group) in groups.with_grains() {
-            if let Some(phase) = self.mesh.phases.iter_mut().find(|phase| phase.name == group) {
-                phase.role = PhaseRole::Aggregate { name: given.get(number).cloned().flatten() };
-            }
-        }
-    }
-
     /// The largest error of a grain's volume; refuses tetrahedra that leave a part of the specimen or of a grain out.
     fn grain_volumes(
         &self,

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::export::mesh::options::SurfaceOptions;
 use crate::request::MAX_LENGTH_MM;
-use crate::request::decode::{At, Bound, Object};
+use crate::request::decode::{Bound, Object};
 
 /// Most tetrahedra that may be aimed at: a solid mesh numbers its nodes by 32 bits.
 const MOST_ELEMENTS: i64 = 400_000_000;
@@ -78,15 +78,7 @@ pub struct MeshOptions {
 #[cfg(feature = "openapi")]
 impl utoipa::PartialSchema for MeshOptions {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
-        use utoipa::openapi::RefOr::T;
-        use utoipa::openapi::schema::Schema::Object;
-        match (SurfaceOptions::schema(), TetrahedronOptions::schema()) {
-            (T(Object(mut all)), T(Object(more))) => {
-                all.properties.extend(more.properties);
-                T(Object(all))
-            }
-            (surfaces, _) => surfaces,
-        }
+        crate::export::schema::merged([SurfaceOptions::schema(), TetrahedronOptions::schema()])
     }
 }
 
@@ -106,8 +98,17 @@ impl MeshOptions {
             Some(at) => at.choice(&[("triangles", false), ("tetrahedra", true)])?,
             None => has_tetrahedra,
         };
+        Self::read_filled(object, elements)
+    }
+
+    /// Reads the options of tetrahedra, where something else has said that there are some.
+    pub(in crate::export) fn read_tetrahedra(object: &mut Object<'_>) -> Option<Self> {
+        Self::read_filled(object, true)
+    }
+
+    fn read_filled(object: &mut Object<'_>, has_tetrahedra: bool) -> Option<Self> {
         let given = ["segments", "size_mm", "max_segments"].map(|name| object.has(name));
-        let tetrahedra = TetrahedronOptions::read(object, given, elements);
+        let tetrahedra = TetrahedronOptions::read(object, given, has_tetrahedra);
         let mut surfaces = SurfaceOptions::read(object)?;
         if tetrahedra.as_ref().is_some_and(|options| options.target_elements.is_some()) {
             // The aim decides them.
@@ -119,17 +120,14 @@ impl MeshOptions {
 
 impl TetrahedronOptions {
     /// Names of the options beside `elements`.
-    const NAMES: [&str; 5] = ["order", "tet_size_mm", "tet_size_matrix_mm", "target_elements", "tet_growth"];
+    pub(in crate::export) const NAMES: [&str; 5] =
+        ["order", "tet_size_mm", "tet_size_matrix_mm", "target_elements", "tet_growth"];
 
     /// Reads the options; without tetrahedra there are none, and each that is given is a fault. None where faults were
     /// reported, too.
     fn read(object: &mut Object<'_>, given: [bool; 3], has_tetrahedra: bool) -> Option<Self> {
         if !has_tetrahedra {
-            let fault =
-                |at: At<'_>| at.fault("goes with elements=tetrahedra: give that too, or leave it out");
-            for at in Self::NAMES.into_iter().filter_map(|name| object.optional(name)) {
-                fault(at);
-            }
+            object.refuse_all(&Self::NAMES, "goes with elements=tetrahedra: give that too, or leave it out");
             return None;
         }
         let order = object.optional("order").map_or(Some(1), |at| at.integer(1, 2).map(|order| order as u32));

@@ -3,6 +3,9 @@
 use serde_json::json;
 
 use super::*;
+use std::io::Read;
+
+use crate::export::mesher::Mesher;
 use crate::export::{ExportRequest, ExportType};
 use crate::request::{PackingRequest, Specimen};
 use crate::{Plan, Spheres};
@@ -80,20 +83,21 @@ struct Fixed(&'static str);
 
 struct Files(&'static str);
 
-impl FilledSurfaces for Files {
+impl MesherFiles for Files {
     fn open(&self, _: &str) -> io::Result<Box<dyn Read>> {
         Ok(Box::new(self.0.as_bytes()))
     }
 }
 
-impl TetrahedronMesher for Fixed {
+impl Mesher for Fixed {
     fn version(&self) -> Result<String, ExportError> {
         Ok("Fixed 1".into())
     }
 
-    fn fill(&self, input: MesherInput<'_>, _: &dyn Control) -> Result<Box<dyn FilledSurfaces>, ExportError> {
+    fn fill(&self, input: MesherInput<'_>, _: &dyn Control) -> Result<Box<dyn MesherFiles>, ExportError> {
         let mut surfaces = Vec::new();
-        (input.surfaces)(&mut surfaces)?;
+        (input.surfaces.unwrap())(&mut surfaces)?;
+        assert_eq!(input.dimension, MeshDimension::Solid);
         assert!(surfaces.starts_with(b"$MeshFormat\n4.1 1 8\n"));
         assert!(input.script.starts_with("Merge \"surfaces.msh\";\nCreateGeometry { Volume{:}; }\n"));
         Ok(Box::new(Files(self.0)))

@@ -1,37 +1,45 @@
 //! Puts a solid mesh together from what an MSH file has.
 
-use super::super::{ElementKind, ElementSide, PhaseRole, PhaseSet, SolidMesh, SpecimenFace};
-use super::{Contents, Entity, MshError};
+use super::super::{ElementSide, PhaseRole, PhaseSet, SolidMesh, SpecimenFace};
+use super::{Bodies, Contents, Entity, MshError};
 use crate::memory::{filled, reserved};
 
 /// Name of the physical group of the surfaces of grains.
 const INTERFACE: &str = "itz";
 /// Name of the physical group of what is between the grains.
 const MATRIX: &str = "matrix";
-/// Places of Gmsh's nodes in the order of Abaqus: the last two mid nodes are exchanged.
+/// Places of Gmsh's nodes in the order of Abaqus: of tetrahedra the last two mid nodes are exchanged, those of triangles
+/// are in the same order.
 const ORDER: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8];
-/// A node that no tetrahedron has.
+/// The same of a triangle that runs clockwise.
+const REVERSED: [usize; 6] = [0, 2, 1, 5, 4, 3];
+/// A node that no element has.
 const UNUSED: u32 = u32::MAX;
 
-pub(super) fn assembled(mut contents: Contents) -> Result<SolidMesh, MshError> {
+pub(super) fn assembled(mut contents: Contents, bodies: Bodies) -> Result<SolidMesh, MshError> {
     contents.entities.sort_unstable_by_key(|entity| (entity.dimension, entity.tag));
-    let kind = match contents.per_tetrahedron {
-        4 => ElementKind::Tetrahedron4,
-        10 => ElementKind::Tetrahedron10,
-        _ => return fault("Elements", "there is no tetrahedron"),
+    let Some(kind) = bodies.kind(contents.bodies.per_element) else {
+        return fault("Elements", "there is no element of the mesh");
     };
     let nodes = Nodes::new(&contents)?;
-    let phases = phases(&contents)?;
-    let order = volumes_in_order(&contents, &phases)?;
+    let phases = phases(&contents, bodies.dimension())?;
+    let order = volumes_in_order(&contents, &phases, bodies.dimension())?;
     let per_element = kind.nodes();
-    let count = contents.tetrahedra.len() / per_element;
+    let all = &contents.bodies.nodes;
+    let count = all.len() / per_element;
     let (mut elements, mut phase_of, mut grain_of) =
-        (reserved(contents.tetrahedra.len())?, reserved(count)?, reserved(count)?);
+        (reserved(all.len())?, reserved(count)?, reserved(count)?);
     for Volume { first, count, phase, grain } in order {
-        for element in contents.tetrahedra[first * per_element..][..count * per_element].chunks(per_element) {
-            for place in &ORDER[..per_element] {
-                elements.push(nodes.place(element[*place])?);
+        for element in all[first * per_element..][..count * per_element].chunks(per_element) {
+            let mut places = [0; 10];
+            for (place, node) in places.iter_mut().zip(element) {
+                *place = nodes.place(*node)?;
             }
+            let corner = |at: usize| contents.nodes_mm[places[at] as usize];
+            let runs_clockwise =
+                bodies.dimension() == 2 && (corner(1) - corner(0)).cross(&(corner(2) - corner(0))).z < 0.0;
+            let order = if runs_clockwise { &REVERSED[..] } else { &ORDER[..] };
+            elements.extend(order[..per_element].iter().map(|at| places[*at]));
             phase_of.push(phase);
             grain_of.push(grain);
         }
@@ -48,7 +56,7 @@ pub(super) fn assembled(mut contents: Contents) -> Result<SolidMesh, MshError> {
         faces: Vec::new(),
         grain_surfaces: Vec::new(),
     };
-    add_surfaces(&mut mesh, &contents, &nodes, &number_of)?;
+    add_surfaces(&mut mesh, &contents, &nodes, &number_of, bodies.dimension())?;
     Ok(mesh)
 }
 
@@ -86,21 +94,19 @@ impl Nodes {
     }
 }
 
-/// The physical groups of volumes, the matrix first, each with its tag.
-fn phases(contents: &Contents) -> Result<Vec<(i32, PhaseSet)>, MshError> {
+/// The physical groups of the dimension of the bodies, the matrix first, each with its tag.
+fn phases(contents: &Contents, of: u8) -> Result<Vec<(i32, PhaseSet)>, MshError> {
     let mut groups: Vec<(bool, i32, &str)> = contents
         .names
         .iter()
-        .filter(|(dimension, _, _)| *dimension == 3)
+        .filter(|(dimension, _, _)| *dimension == of)
         .map(|(_, tag, name)| (name != MATRIX, *tag, name.as_str()))
         .collect();
     groups.sort_unstable();
     // A group without an element is no phase: a packing of no grains has none of aggregates.
     groups.retain(|(_, tag, _)| {
-        contents
-            .volumes
-            .iter()
-            .any(|(volume, count)| *count > 0 && group_of(contents, 3, *volume) == Some(*tag))
+        let is_of = |volume: i32| group_of(contents, of, volume) == Some(*tag);
+        contents.bodies.blocks.iter().any(|(volume, count)| *count > 0 && is_of(*volume))
     });
     if groups.len() > usize::from(u16::MAX) {
         return fault("PhysicalNames", "there are too many groups");
@@ -119,7 +125,7 @@ fn group_of(contents: &Contents, dimension: u8, tag: i32) -> Option<i32> {
     contents.entities[at].physical.first().map(|group| group.saturating_abs())
 }
 
-/// The tetrahedra of a volume.
+/// The elements of a volume, or of a surface of a cut.
 struct Volume {
     /// The first of them in the file.
     first: usize,
@@ -129,11 +135,15 @@ struct Volume {
 }
 
 /// The volumes in the order of their phases.
-fn volumes_in_order(contents: &Contents, phases: &[(i32, PhaseSet)]) -> Result<Vec<Volume>, MshError> {
+fn volumes_in_order(
+    contents: &Contents,
+    phases: &[(i32, PhaseSet)],
+    of: u8,
+) -> Result<Vec<Volume>, MshError> {
     let mut grains: Vec<i32> = contents
         .entities
         .iter()
-        .filter(|entity| entity.dimension == 3)
+        .filter(|entity| entity.dimension == of)
         .filter(|entity| {
             let group = entity.physical.first().map(|group| group.saturating_abs());
             let set = phases.iter().find(|(tag, _)| Some(*tag) == group);
@@ -144,10 +154,10 @@ fn volumes_in_order(contents: &Contents, phases: &[(i32, PhaseSet)]) -> Result<V
     grains.sort_unstable();
     let mut volumes = Vec::new();
     let mut first = 0;
-    for &(tag, count) in &contents.volumes {
-        let group = group_of(contents, 3, tag);
+    for &(tag, count) in &contents.bodies.blocks {
+        let group = group_of(contents, of, tag);
         let Some(phase) = phases.iter().position(|(own, _)| Some(*own) == group) else {
-            return fault("Elements", format!("the volume {tag} has no named group"));
+            return fault("Elements", format!("the entity {tag} has no named group"));
         };
         let grain = grains.binary_search(&tag).map_or(0, |at| at as u32 + 1);
         volumes.push(Volume { first, count, phase: phase as u16, grain });
@@ -180,47 +190,54 @@ fn numbered(
     Ok((number_of, nodes_mm))
 }
 
-/// Finds the faces of the specimen and the nodes on grains by the triangles of the physical groups.
+/// The corners of a side in ascending order; of an edge two.
+fn sorted(corners: &[u32]) -> [u32; 3] {
+    let mut key = [UNUSED; 3];
+    key[..corners.len()].copy_from_slice(corners);
+    key.sort_unstable();
+    key
+}
+
+/// Finds the faces of the specimen and the nodes on grains by the sides of the physical groups.
 fn add_surfaces(
     mesh: &mut SolidMesh,
     contents: &Contents,
     nodes: &Nodes,
     number_of: &[u32],
+    of: u8,
 ) -> Result<(), MshError> {
+    let corners_of_side = usize::from(of);
+    let sides = &contents.sides;
     let mut groups: Vec<(i32, &str)> = contents
         .names
         .iter()
-        .filter(|(dimension, _, _)| *dimension == 2)
+        .filter(|(dimension, _, _)| *dimension + 1 == of)
         .map(|(_, tag, name)| (*tag, name.as_str()))
         .collect();
     groups.sort_unstable();
     let mut faces: Vec<SpecimenFace> = Vec::new();
-    // Triangles of the specimen's faces by their sorted corners, with the place of the face.
-    let mut triangles: Vec<([u32; 3], usize)> = Vec::new();
+    // Sides on the specimen's faces by their sorted corners, with the place of the face.
+    let mut outer: Vec<([u32; 3], usize)> = Vec::new();
     for (tag, name) in groups {
         let mut own = Vec::new();
         let mut first = 0;
-        for &(surface, count) in &contents.surfaces {
-            if group_of(contents, 2, surface) == Some(tag) {
-                for corners in
-                    contents.triangles[first..][..count * contents.per_triangle].chunks(contents.per_triangle)
-                {
+        for &(surface, count) in &sides.blocks {
+            if group_of(contents, of - 1, surface) == Some(tag) {
+                for corners in sides.nodes[first..][..count * sides.per_element].chunks(sides.per_element) {
                     let mut places = [0; 6];
                     for (place, node) in places.iter_mut().zip(corners) {
                         *place = number_of[nodes.place(*node)? as usize];
                         if *place == UNUSED {
-                            return fault("Elements", format!("a triangle of {name} lies on no tetrahedron"));
+                            return fault("Elements", format!("a side on {name} belongs to no element"));
                         }
                     }
                     own.extend_from_slice(&places[..corners.len()]);
                     if name != INTERFACE {
-                        let mut sorted = [places[0], places[1], places[2]];
-                        sorted.sort_unstable();
-                        triangles.push((sorted, faces.len()));
+                        outer.push((sorted(&places[..corners_of_side]), faces.len()));
                     }
                 }
             }
-            first += count * contents.per_triangle;
+            first += count * sides.per_element;
         }
         own.sort_unstable();
         own.dedup();
@@ -230,30 +247,30 @@ fn add_surfaces(
             faces.push(SpecimenFace { name: name.to_owned(), nodes: own, sides: Vec::new() });
         }
     }
-    triangles.sort_unstable();
+    outer.sort_unstable();
     let mut is_outer = filled(mesh.nodes_mm.len(), false)?;
     faces.iter().flat_map(|face| &face.nodes).for_each(|node| is_outer[*node as usize] = true);
     for element in 0..mesh.len() {
         let own = mesh.element(element);
-        if own[..4].iter().filter(|node| is_outer[**node as usize]).count() < 3 {
+        if own.iter().filter(|node| is_outer[**node as usize]).count() < corners_of_side {
             continue;
         }
         for (side, corners) in (1..).zip(mesh.kind.sides()) {
-            let mut sorted = [own[corners[0]], own[corners[1]], own[corners[2]]];
-            sorted.sort_unstable();
-            if let Ok(at) = triangles.binary_search_by_key(&sorted, |(corners, _)| *corners) {
-                faces[triangles[at].1].sides.push(ElementSide { element: element as u32, side });
+            let mut places = [0; 3];
+            for (place, corner) in places.iter_mut().zip(&corners[..corners_of_side]) {
+                *place = own[*corner];
+            }
+            let key = sorted(&places[..corners_of_side]);
+            if let Ok(at) = outer.binary_search_by_key(&key, |(corners, _)| *corners) {
+                faces[outer[at].1].sides.push(ElementSide { element: element as u32, side });
             }
         }
     }
     let found: usize = faces.iter().map(|face| face.sides.len()).sum();
-    if found != triangles.len() {
+    if found != outer.len() {
         return fault(
             "Elements",
-            format!(
-                "{found} sides of tetrahedra lie on the {} triangles of the specimen's faces",
-                triangles.len()
-            ),
+            format!("{found} sides of elements lie on the {} of the specimen's faces", outer.len()),
         );
     }
     mesh.faces = faces;

@@ -1,7 +1,9 @@
-//! Reads the tetrahedra of a packing out of a file of Gmsh: MSH 4.1, text or binary, as Gmsh 4.8 to 4.15 write it.
+//! Reads the tetrahedra of a packing, or the triangles of a cut, out of a file of Gmsh: MSH 4.1, text or binary, as
+//! Gmsh 4.8 to 4.15 write it.
 //!
-//! The physical groups of volumes are the phases, those of surfaces the faces of the specimen and `itz`, the interface.
-//! Volumes beside the matrix are grains, in the order of their tags. Every number of the file is checked.
+//! The physical groups of volumes are the phases, those of surfaces the faces of the specimen and `itz`, the interface;
+//! of a cut surfaces are the phases and curves the edges. Volumes beside the matrix are grains, in the order of their
+//! tags. Every number of the file is checked.
 
 mod assembly;
 mod source;
@@ -13,7 +15,7 @@ use std::io::{self, Read};
 
 use nalgebra::Vector3;
 
-use super::SolidMesh;
+use super::{ElementKind, PlaneState, SolidMesh};
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
 use crate::memory::{OutOfMemory, make_room};
@@ -46,6 +48,50 @@ const PER_LOOK: u64 = 1 << 12;
 /// Most elements of a dimension in a file, for room that is reserved by what the file states.
 const MOST_AT_ONCE: u64 = 1 << 16;
 
+/// The elements that a mesh consists of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bodies {
+    /// Those of volumes.
+    Tetrahedra,
+    /// Those of planes.
+    Triangles(PlaneState),
+}
+
+impl Bodies {
+    /// Dimension of the bodies: that of their sides is one less.
+    fn dimension(self) -> u8 {
+        match self {
+            Self::Tetrahedra => 3,
+            Self::Triangles(_) => 2,
+        }
+    }
+
+    /// The kind of elements with so many nodes.
+    fn kind(self, nodes: usize) -> Option<ElementKind> {
+        match (self, nodes) {
+            (Self::Tetrahedra, 4) => Some(ElementKind::Tetrahedron4),
+            (Self::Tetrahedra, 10) => Some(ElementKind::Tetrahedron10),
+            (Self::Triangles(state), 3) => Some(ElementKind::Triangle3(state)),
+            (Self::Triangles(state), 6) => Some(ElementKind::Triangle6(state)),
+            _ => None,
+        }
+    }
+}
+
+/// Dimension and number of nodes of an element, by Gmsh's number of its type.
+fn element_type(kind: i32) -> Option<(u8, usize)> {
+    match kind {
+        15 => Some((0, 1)),
+        1 => Some((1, 2)),
+        8 => Some((1, 3)),
+        2 => Some((2, 3)),
+        9 => Some((2, 6)),
+        4 => Some((3, 4)),
+        11 => Some((3, 10)),
+        _ => None,
+    }
+}
+
 /// An entity of a dimension with its physical groups.
 struct Entity {
     dimension: u8,
@@ -61,23 +107,28 @@ struct Contents {
     entities: Vec<Entity>,
     node_tags: Vec<u64>,
     nodes_mm: Vec<Vector3<f64>>,
-    /// Nodes of an element: 4 or 10; 0 before the first tetrahedron.
-    per_tetrahedron: usize,
-    /// Nodes of the tetrahedra.
-    tetrahedra: Vec<u64>,
-    /// Tag of the volume, and the number of its tetrahedra.
-    volumes: Vec<(i32, usize)>,
-    /// Nodes of a triangle: 3 or 6.
-    per_triangle: usize,
-    triangles: Vec<u64>,
-    surfaces: Vec<(i32, usize)>,
+    /// The elements of the mesh.
+    bodies: Elements,
+    /// Elements on its faces.
+    sides: Elements,
 }
 
-/// Reads a file. Nodes without a tetrahedron are left out; tetrahedra are put in the order of the phases.
+/// Elements of one dimension.
+#[derive(Default)]
+struct Elements {
+    /// Nodes of an element; 0 before the first.
+    per_element: usize,
+    /// Nodes of the elements.
+    nodes: Vec<u64>,
+    /// Tag of the entity, and the number of its elements.
+    blocks: Vec<(i32, usize)>,
+}
+
+/// Reads a file. Nodes without an element are left out; elements are put in the order of the phases.
 ///
 /// # Errors
 /// See [`MshError`].
-pub fn read(input: impl Read, control: &dyn Control) -> Result<SolidMesh, MshError> {
+pub fn read(input: impl Read, bodies: Bodies, control: &dyn Control) -> Result<SolidMesh, MshError> {
     let mut source = Source::new(input);
     let mut contents = Contents::default();
     format(&mut source)?;
@@ -90,7 +141,7 @@ pub fn read(input: impl Read, control: &dyn Control) -> Result<SolidMesh, MshErr
             "PhysicalNames" => physical_names(&mut source, &mut contents)?,
             "Entities" => entities(&mut source, &mut contents)?,
             "Nodes" => nodes(&mut source, &mut contents, control)?,
-            "Elements" => elements(&mut source, &mut contents, control)?,
+            "Elements" => elements(&mut source, &mut contents, bodies, control)?,
             _ => {
                 source.skip()?;
                 continue;
@@ -98,7 +149,7 @@ pub fn read(input: impl Read, control: &dyn Control) -> Result<SolidMesh, MshErr
         }
         source.end()?;
     }
-    assembly::assembled(contents)
+    assembly::assembled(contents, bodies)
 }
 
 fn format<R: Read>(source: &mut Source<R>) -> Result<(), MshError> {
@@ -207,6 +258,7 @@ fn nodes<R: Read>(
 fn elements<R: Read>(
     source: &mut Source<R>,
     contents: &mut Contents,
+    bodies: Bodies,
     control: &dyn Control,
 ) -> Result<(), MshError> {
     let blocks = source.size()?;
@@ -216,49 +268,35 @@ fn elements<R: Read>(
     for _ in 0..blocks {
         let (_, tag, kind) = (source.int()?, source.int()?, source.int()?);
         let count = source.size()?;
-        // Points and lines have no place in a solid mesh.
-        let (per_element, list, per_list, blocks) = match kind {
-            15 => (1, None, None, None),
-            1 => (2, None, None, None),
-            8 => (3, None, None, None),
-            2 | 9 => (
-                if kind == 2 { 3 } else { 6 },
-                Some(&mut contents.triangles),
-                Some(&mut contents.per_triangle),
-                Some(&mut contents.surfaces),
-            ),
-            4 | 11 => (
-                if kind == 4 { 4 } else { 10 },
-                Some(&mut contents.tetrahedra),
-                Some(&mut contents.per_tetrahedron),
-                Some(&mut contents.volumes),
-            ),
-            _ => {
-                return Err(
-                    source.fault(format!("elements of the kind {kind} are no tetrahedra or triangles"))
-                );
-            }
+        let Some((dimension, per_element)) = element_type(kind).filter(|(of, _)| *of <= bodies.dimension())
+        else {
+            return Err(source.fault(format!("elements of the kind {kind} have no place in such a mesh")));
         };
-        if let Some(per_list) = per_list {
-            if *per_list != 0 && *per_list != per_element {
+        // Those of lower dimensions have no place either, but are in many files.
+        let mut list = match bodies.dimension() - dimension {
+            0 => Some(&mut contents.bodies),
+            1 => Some(&mut contents.sides),
+            _ => None,
+        };
+        if let Some(list) = &mut list {
+            if list.per_element != 0 && list.per_element != per_element {
                 return Err(source.fault("elements have several orders"));
             }
-            *per_list = per_element;
+            list.per_element = per_element;
         }
-        let mut list = list;
         for number in 0..count {
             look(number, control)?;
             source.size()?;
             for _ in 0..per_element {
                 let node = source.size()?;
                 if let Some(list) = &mut list {
-                    make_room_for(list, (count - number).saturating_mul(per_element as u64))?;
-                    list.push(node);
+                    make_room_for(&mut list.nodes, (count - number).saturating_mul(per_element as u64))?;
+                    list.nodes.push(node);
                 }
             }
         }
-        if let Some(blocks) = blocks {
-            blocks.push((tag, count as usize));
+        if let Some(list) = list {
+            list.blocks.push((tag, count as usize));
         }
     }
     Ok(())

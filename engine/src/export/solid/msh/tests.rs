@@ -60,8 +60,8 @@ fn file(sections: &[Section], is_text: bool) -> Vec<u8> {
 
 #[test]
 fn text_and_binary_files_give_the_same_mesh() {
-    let mesh = read(&file(&SECTIONS, true)[..], &Unattended).unwrap();
-    assert_eq!(read(&file(&SECTIONS, false)[..], &Unattended).unwrap(), mesh);
+    let mesh = read(&file(&SECTIONS, true)[..], Bodies::Tetrahedra, &Unattended).unwrap();
+    assert_eq!(read(&file(&SECTIONS, false)[..], Bodies::Tetrahedra, &Unattended).unwrap(), mesh);
     assert_eq!((mesh.kind, mesh.nodes_mm.len()), (ElementKind::Tetrahedron4, 5), "node 9 has no element");
     assert_eq!(mesh.elements, [0, 1, 2, 3, 1, 2, 3, 4], "the matrix comes first");
     assert_eq!((&mesh.phase_of[..], &mesh.grain_of[..]), (&[0, 1][..], &[0, 1][..]));
@@ -83,11 +83,30 @@ fn mid_nodes_are_put_in_the_order_of_abaqus() {
                  d0 d0 d0 d2 d0 d0 d0 d2 d0 d0 d0 d2 d1 d0 d0 d1 d1 d0 d0 d1 d0 d0 d0 d1 d0 d1 d1 d1 d0 d1";
     let elements = "s1 s1 s1 s1 i3 i1 i11 s1 s1 s1 s2 s3 s4 s5 s6 s7 s8 s9 s10";
     let sections = [SECTIONS[0], ("Nodes", nodes), ("Elements", elements)];
-    let mesh = read(&file(&sections, true)[..], &Unattended).unwrap();
+    let mesh = read(&file(&sections, true)[..], Bodies::Tetrahedra, &Unattended).unwrap();
     // Gmsh: 12, 23, 31, 14, 34, 24. A middle in the wrong place would give another volume.
     assert!((mesh.check(&Unattended).unwrap().volume_mm3 - 8.0 / 6.0).abs() < 1e-14);
     assert_eq!(mesh.elements, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]);
     assert_eq!(mesh.phases.len(), 1, "a group without an element is no phase");
+}
+
+/// A triangle that runs clockwise is turned round, with its mid nodes; lines are the edges, and their middles belong to
+/// them.
+#[test]
+fn triangles_of_a_cut_run_anticlockwise() {
+    let text = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n1 3 \"x_min\"\n2 1 \"matrix\"\n$EndPhysicalNames\n\
+        $Entities\n0 1 1 0\n1 0 0 0 0 2 0 1 3 0\n1 0 0 0 2 2 0 1 1 0\n$EndEntities\n$Nodes\n1 6 1 6\n2 1 0 6\n1\n2\n3\n4\n5\n6\n\
+        0 0 0\n0 2 0\n2 0 0\n0 1 0\n1 1 0\n1 0 0\n$EndNodes\n$Elements\n2 2 1 2\n1 1 8 1\n1 1 2 4\n2 1 9 1\n2 1 2 3 4 5 6\n\
+        $EndElements\n";
+    let mesh = read(text.as_bytes(), Bodies::Triangles(PlaneState::Strain), &Unattended).unwrap();
+    assert_eq!(mesh.kind.abaqus_name(), "CPE6");
+    assert_eq!(mesh.elements, [0, 2, 1, 5, 4, 3]);
+    assert_eq!((mesh.faces[0].name.as_str(), &mesh.faces[0].nodes[..]), ("x_min", &[0, 1, 3][..]));
+    assert_eq!(mesh.faces[0].sides, [ElementSide { element: 0, side: 3 }]);
+    let measures = mesh.check(&Unattended).unwrap();
+    assert!((measures.volume_mm3 - 2.0).abs() < 1e-15);
+    // Of a right triangle with two equal sides: 2 r / R with r = 2 - sqrt 2 and R = sqrt 2 for sides of 2.
+    assert!((measures.smallest_gamma.unwrap() - 2.0 * (2.0_f64.sqrt() - 1.0)).abs() < 1e-14);
 }
 
 #[test]
@@ -103,17 +122,17 @@ fn a_file_that_is_no_mesh_of_a_packing_is_refused_with_its_fault() {
     let faults = [
         (b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n".to_vec(), "is not MSH 4.1"),
         (b"no mesh".to_vec(), "does not begin with $MeshFormat"),
-        (file(&SECTIONS[..2], true), "there is no tetrahedron"),
+        (file(&SECTIONS[..2], true), "there is no element of the mesh"),
         (with(2, "s4 s1 s2 s3 s4", "s4 s1 s2 s3 s8"), "there is no node 8"),
-        (with(2, "i3 i2 i4", "i3 i7 i4"), "the volume 7 has no named group"),
+        (with(2, "i3 i2 i4", "i3 i7 i4"), "the entity 7 has no named group"),
         (with(2, "i3 i2 i4", "i3 i2 i5"), "elements of the kind 5"),
         (with(1, "s4 s5 s9", "s4 s5 s5"), "two nodes have the same tag"),
         (with(1, "d7", "dnan"), "not finite"),
-        (with(2, "s1 s3 s2", "s1 s5 s2"), "0 sides of tetrahedra lie on the 1 triangles"),
+        (with(2, "s1 s3 s2", "s1 s5 s2"), "0 sides of elements lie on the 1 of the specimen"),
         (with(2, "s1 s1 s1 s3 s2", "s99999999999 s1 s1 s3 s2"), "section Elements"),
     ];
     for (bytes, says) in faults {
-        let error = read(&bytes[..], &Unattended).unwrap_err().to_string();
+        let error = read(&bytes[..], Bodies::Tetrahedra, &Unattended).unwrap_err().to_string();
         assert!(error.contains(says), "{says}: {error}");
     }
 }
@@ -126,9 +145,9 @@ properties! {
         let length = bytes.len();
         bytes[at % length] = byte;
         // A byte of a coordinate may be another without the file being damaged.
-        let _ = read(&bytes[..], &Unattended).map(|mesh| mesh.check(&Unattended));
+        let _ = read(&bytes[..], Bodies::Tetrahedra, &Unattended).map(|mesh| mesh.check(&Unattended));
         let cut = cut % (length - 1);
         let is_whole = whole[cut..].iter().all(u8::is_ascii_whitespace);
-        prop_assert!(is_whole || read(&whole[..cut], &Unattended).is_err());
+        prop_assert!(is_whole || read(&whole[..cut], Bodies::Tetrahedra, &Unattended).is_err());
     }
 }
