@@ -117,6 +117,34 @@ async fn the_smallest_gaps_are_those_of_brute_force() {
     assert_eq!((&found["min_gap_grains"], &found["min_wall_gap_grain"]), (&json!(least.1), &json!(wall.1)));
 }
 
+/// Figures that no packing of [`spheres`] has: the pointer, the value, and what is said of it.
+fn false_figures() -> [(&'static str, &'static str, Value, &'static str); 10] {
+    [
+        ("another number", "/summary/grains", json!(3), "summary/grains is 3"),
+        ("a negative number", "/summary/grains", json!(-1), "its member `summary`"),
+        ("no summary", "/summary", Value::Null, "its member `summary` is missing"),
+        ("no check", "/check", Value::Null, "its member `check` is missing"),
+        ("a wider gap in words", "/check/min_gap_mm", json!(0.5), "check/min_gap_mm is 0.5"),
+        (
+            "another volume",
+            "/summary/volume_fraction_with_coating",
+            json!(0.2),
+            "summary/volume_fraction_with",
+        ),
+        ("another specimen", "/summary/specimen_volume_mm3", json!(9.0), "summary/specimen_volume_mm3 is 9"),
+        ("another class", "/summary/classes/0/grains", json!(1), "summary/classes/0/grains is 1"),
+        (
+            "an end before the target",
+            "/summary/partial",
+            json!({"reason": "finished",
+            "volume_fraction_requested": 0.4, "volume_fraction_reached": 0.3, "distance_mm_requested": null,
+            "distance_mm_reached": null, "size_scale": 1.0, "grains_requested": 9, "grains_placed": 9}),
+            "the seed draws 9",
+        ),
+        ("no reason", "/summary/partial", json!({"reason": "weather"}), "its member `summary`"),
+    ]
+}
+
 /// Each change of a valid result is refused by `check` and by every export, with one message.
 #[tokio::test]
 async fn tampered_results_are_refused_by_every_command() {
@@ -164,30 +192,7 @@ async fn tampered_results_are_refused_by_every_command() {
         change(&mut changed);
         cases.push((name, changed, says));
     };
-    for (name, pointer, value, says) in [
-        ("another number", "/summary/grains", json!(3), "summary/grains is 3"),
-        ("a negative number", "/summary/grains", json!(-1), "its member `summary`"),
-        ("no summary", "/summary", Value::Null, "its member `summary` is missing"),
-        ("no check", "/check", Value::Null, "its member `check` is missing"),
-        ("a wider gap in words", "/check/min_gap_mm", json!(0.5), "check/min_gap_mm is 0.5"),
-        (
-            "another volume",
-            "/summary/volume_fraction_with_coating",
-            json!(0.2),
-            "summary/volume_fraction_with",
-        ),
-        ("another specimen", "/summary/specimen_volume_mm3", json!(9.0), "summary/specimen_volume_mm3 is 9"),
-        ("another class", "/summary/classes/0/grains", json!(1), "summary/classes/0/grains is 1"),
-        (
-            "an end before the target",
-            "/summary/partial",
-            json!({"reason": "finished",
-            "volume_fraction_requested": 0.4, "volume_fraction_reached": 0.3, "distance_mm_requested": null,
-            "distance_mm_reached": null, "size_scale": 1.0, "grains_requested": 9, "grains_placed": 9}),
-            "the seed draws 9",
-        ),
-        ("no reason", "/summary/partial", json!({"reason": "weather"}), "its member `summary`"),
-    ] {
+    for (name, pointer, value, says) in false_figures() {
         case(name, &spheres, says, &|result| {
             let (parent, field) = pointer.rsplit_once('/').unwrap();
             match result.pointer_mut(parent).unwrap() {
@@ -245,8 +250,13 @@ async fn tampered_results_are_refused_by_every_command() {
         }
     }
     assert!(!folder.join("made").exists(), "nothing is made of a packing that is not valid");
+}
 
-    // The least of numbers as a diameter, and no file.
+#[tokio::test]
+async fn the_least_of_numbers_missing_files_and_files_that_were_cut_are_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let spheres = packed(folder, &spheres()).await;
     let table = fs::read_to_string(folder.join("out/result.csv")).unwrap();
     let (rows, last) = table.trim_end().rsplit_once('\n').unwrap();
     let mut fields: Vec<&str> = last.split(',').collect();
@@ -260,7 +270,6 @@ async fn tampered_results_are_refused_by_every_command() {
         assert_eq!((checked.code, made.code), (Some(3), Some(3)), "{checked:?} {made:?}");
         assert_eq!(checked.stderr, made.stderr);
     }
-
     // A file that was cut.
     let whole = fs::read(folder.join("out/result.json")).unwrap();
     fs::write(folder.join("changed.json"), &whole[..whole.len() / 2]).unwrap();

@@ -148,7 +148,8 @@ async fn a_command_that_was_killed_goes_on_from_its_load_cases() {
     let command = ["export", "out/result.json", hard, "--checkpoint-every-s", "0", "--out"];
     let whole = packstone(folder, &[&command[..], &["whole"]].concat()).await;
     assert_eq!(whole.code, Some(0), "{whole:?}");
-    let file = Path::new(whole.stdout.lines().find(|line| line.ends_with(".vti")).unwrap());
+    let is_fields = |file: &&Path| file.extension().is_some_and(|ending| ending == "vti");
+    let file = whole.stdout.lines().map(Path::new).find(is_fields).unwrap();
     let name = file.file_name().unwrap().to_str().unwrap();
     let checkpoint = folder.join("killed").join(format!("{name}.checkpoint"));
     let running = Running::start(folder, &[&command[..], &["killed"]].concat()).await;

@@ -289,6 +289,13 @@ fn read(file: &Path) -> Value {
     serde_json::from_slice(&text).unwrap()
 }
 
+/// The fields of the answer have all elements, and a displacement of the moved plate alone at its nodes.
+const FIELDS: &str = "import sys, meshio, numpy\nmesh = meshio.read(sys.argv[1])\n\
+    u, z = mesh.point_data['displacement'], mesh.points[:, 2]\n\
+    assert mesh.cells[0].type == 'tetra10' and len(mesh.cells[0].data) == int(sys.argv[2])\n\
+    assert numpy.allclose(u[z > 17.999, 2], 0.0018, rtol=1e-5) and numpy.allclose(u[z < 1e-3, 2], 0)\n\
+    assert set(mesh.cell_data['phase'][0]) == {0, 1} and numpy.isfinite(mesh.point_data['stress']).all()\n";
+
 #[tokio::test]
 async fn one_command_goes_from_a_mix_to_the_modulus_of_tetrahedra() {
     let Some((python, all)) = installed() else { return };
@@ -339,12 +346,6 @@ async fn one_command_goes_from_a_mix_to_the_modulus_of_tetrahedra() {
         for alpha in solution("temperature.segments-10.order-2")["expansion_1_k"].as_array().unwrap() {
             assert!((8e-6..1.1e-5).contains(&alpha.as_f64().unwrap()));
         }
-        // The fields of the answer have all elements, and a displacement of the moved plate alone at its nodes.
-        const FIELDS: &str = "import sys, meshio, numpy\nmesh = meshio.read(sys.argv[1])\n\
-            u, z = mesh.point_data['displacement'], mesh.points[:, 2]\n\
-            assert mesh.cells[0].type == 'tetra10' and len(mesh.cells[0].data) == int(sys.argv[2])\n\
-            assert numpy.allclose(u[z > 17.999, 2], 0.0018, rtol=1e-5) and numpy.allclose(u[z < 1e-3, 2], 0)\n\
-            assert set(mesh.cell_data['phase'][0]) == {0, 1} and numpy.isfinite(mesh.point_data['stress']).all()\n";
         let mut command = Command::new(&python);
         command.args(["-c", FIELDS]).arg(of("segments-10.order-2", "solution.vtu"));
         command.arg(figures["number_of_elements"].to_string());

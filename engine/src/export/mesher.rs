@@ -30,12 +30,15 @@ pub trait Mesher: fmt::Debug + Sync {
     ) -> Result<Box<dyn MesherFiles>, ExportError>;
 }
 
+/// Writes the surfaces of a mesh.
+pub type WriteSurfaces<'a> = dyn FnMut(&mut dyn Write) -> Result<(), ExportError> + 'a;
+
 /// What the program is given.
 pub struct MesherInput<'a> {
     /// What it makes.
     pub dimension: MeshDimension,
     /// Writes the file [`SURFACES`], where the script merges it.
-    pub surfaces: Option<&'a mut dyn FnMut(&mut dyn Write) -> Result<(), ExportError>>,
+    pub surfaces: Option<&'a mut WriteSurfaces<'a>>,
     /// Its script.
     pub script: &'a str,
     /// The file [`SIZES`] of lengths of edges, where there is one.

@@ -49,7 +49,7 @@ use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
-pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES};
+pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES, WriteSurfaces};
 pub use provenance::Provenance;
 
 /// Counts the changes of what any export writes for the same options; part of the name that a cache gives it.

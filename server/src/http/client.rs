@@ -34,8 +34,9 @@ mod tests {
         let anybody = client("[2001:db8::1]:80", &Caller::default());
         assert_eq!(anybody, client("2001:db8::2", &Caller::default()));
         assert_ne!(anybody, client("192.0.2.1", &Caller::default()));
-        let by = Submitter { key: "desk".into(), owner: "lab".into() };
-        let with_key = client("192.0.2.1", &Caller { by, ..Caller::default() });
+        let mut caller = Caller::default();
+        caller.by = Submitter { key: "desk".into(), owner: "lab".into() };
+        let with_key = client("192.0.2.1", &caller);
         assert_ne!(with_key, client("192.0.2.1", &Caller::default()));
         assert_eq!(answering(with_key.clone(), async { current() }).await, with_key);
         assert_eq!(current(), Client::default());

@@ -165,9 +165,10 @@ fn abscissa<'a>(
 ) -> Result<&'a str, NoSuchAbscissa> {
     let known = abscissas(table);
     if let Some(requested) = &options.x {
-        return match known.contains(&requested.as_str()) {
-            true => Ok(requested),
-            false => Err(NoSuchAbscissa { requested: requested.clone(), known: known.join(", ") }),
+        return if known.contains(&requested.as_str()) {
+            Ok(requested)
+        } else {
+            Err(NoSuchAbscissa { requested: requested.clone(), known: known.join(", ") })
         };
     }
     // The number of a point in a list is not a quantity.

@@ -163,9 +163,12 @@ fn plots_without_data_are_not_among_the_plots_of_a_study() {
     assert_eq!(kinds(apart, &[curve]), all[..all.len() - 1], "no representative volume");
 }
 
+/// The values of a point, and its runs as volume fraction, edge and conductivity.
+type Conducting = (Vec<Value>, Vec<(f64, f64, f64)>);
+
 /// A table of runs with a conductivity: the pointers of its columns, and of each point its values and its runs, as
 /// volume fraction, edge and conductivity.
-fn conducting(columns: &[&str], points: &[(Vec<Value>, Vec<(f64, f64, f64)>)]) -> Table {
+fn conducting(columns: &[&str], points: &[Conducting]) -> Table {
     let keys = Keys {
         columns: columns.iter().map(ToString::to_string).collect(),
         values: points.iter().map(|(values, _)| values.clone()).collect(),

@@ -143,16 +143,19 @@ fn fit(volumes: &[ScatterOfVolume], phase_variance: f64) -> Option<Fit> {
     holds.then_some(Fit { alpha, integral_range_mm3 })
 }
 
+/// A row of a table with its number and the volume of its specimens in mm³.
+type SizedRow<'a> = (usize, f64, &'a Row);
+
 /// The representative volumes of a table whose points have several volumes: one for each property, and for each
 /// combination of the columns that do not depend on the volume.
 pub(super) fn of_rows(columns: &[String], rows: &[Row]) -> Vec<RepresentativeVolume> {
-    let sized: Vec<(usize, f64, &Row)> = rows
+    let sized: Vec<SizedRow<'_>> = rows
         .iter()
         .enumerate()
         .filter_map(|(point, row)| Some((point, row.properties.runs.first()?.1.volume_mm3, row)))
         .collect();
     let kept: Vec<usize> = (0..columns.len()).filter(|column| !follows_volume(*column, &sized)).collect();
-    let mut groups: Vec<(Map<String, Value>, Vec<(usize, f64, &Row)>)> = Vec::new();
+    let mut groups: Vec<(Map<String, Value>, Vec<SizedRow<'_>>)> = Vec::new();
     for of in sized {
         let values: Map<String, Value> =
             kept.iter().filter_map(|column| of.2.values.get(*column).cloned()).collect();

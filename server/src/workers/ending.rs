@@ -70,7 +70,7 @@ impl<F: Into<FailedRun>> From<F> for NotMade {
 /// What is told of an end.
 pub(crate) enum Told<'a, M> {
     Succeeded(&'a M),
-    Failed(Failure, Facts),
+    Failed(Failure, Box<Facts>),
     Cancelled,
     /// The process stops: the task goes back to the queue.
     Released,
@@ -139,12 +139,12 @@ impl<M> End<M> {
         match self {
             Self::Made(made) => Told::Succeeded(made),
             Self::Failed(FailedRun { failure, facts }) => {
-                Told::Failed((**failure).clone(), Facts { time_s, ..(**facts).clone() })
+                Told::Failed((**failure).clone(), Box::new(Facts { time_s, ..(**facts).clone() }))
             }
             Self::Stopped(Stop::Cancelled) => Told::Cancelled,
             Self::Stopped(Stop::TimedOut) => {
                 let failure = Failure::timed_out(run.timeout_s.unwrap_or_default(), run.fraction);
-                Told::Failed(failure, Facts { time_s, ..Facts::default() })
+                Told::Failed(failure, Box::new(Facts { time_s, ..Facts::default() }))
             }
             Self::Stopped(Stop::Shutdown) => Told::Released,
             Self::Faulted(cause) => Told::Faulted(*cause),

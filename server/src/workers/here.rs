@@ -117,7 +117,7 @@ impl Here {
                 let (artifact, facts) = (stored.artifact.clone(), stored.facts.clone());
                 self.store.succeed(lease, artifact, progress, facts, postprocess).await?;
             }
-            Told::Failed(failure, facts) => self.store.fail(lease, &failure, facts).await?,
+            Told::Failed(failure, facts) => self.store.fail(lease, &failure, *facts).await?,
             Told::Cancelled => self.store.finish_cancelled(lease).await?,
             Told::Released => self.store.give_back(lease).await?,
             Told::Faulted(cause) => {

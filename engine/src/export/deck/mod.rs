@@ -304,7 +304,7 @@ impl Deck {
             triangles,
             warnings,
         };
-        Ok(Self { conditions, frame, report, mesh })
+        Ok(Self { mesh, frame, conditions, report })
     }
 
     /// Writes the zip. Its bytes do not depend on the threads.

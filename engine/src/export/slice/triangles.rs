@@ -333,24 +333,23 @@ fn name_grains(mesh: &mut SolidMesh, cut: &Cut) -> Result<(), ExportError> {
         if surface == 0 {
             continue;
         }
-        let grain = match grains[surface] {
-            Some(grain) => grain,
-            None => {
-                let section = if is_clipped {
-                    let corners = &mesh.element(element)[..3];
-                    let sum: Vector3<f64> = corners.iter().map(|node| mesh.nodes_mm[*node as usize]).sum();
-                    let place = [sum.x / 3.0, sum.y / 3.0];
-                    let gauge = |section: &super::Section| {
-                        gauge(&section.figure, [0, 1].each(|axis| place[axis] - section.center_mm[axis]))
-                    };
-                    cut.sections.iter().min_by(|a, b| gauge(a).total_cmp(&gauge(b)))
-                } else {
-                    cut.sections.get(surface - 1)
+        let grain = if let Some(grain) = grains[surface] {
+            grain
+        } else {
+            let section = if is_clipped {
+                let corners = &mesh.element(element)[..3];
+                let sum: Vector3<f64> = corners.iter().map(|node| mesh.nodes_mm[*node as usize]).sum();
+                let place = [sum.x / 3.0, sum.y / 3.0];
+                let gauge = |section: &super::Section| {
+                    gauge(&section.figure, [0, 1].each(|axis| place[axis] - section.center_mm[axis]))
                 };
-                let grain = section.map_or(0, |section| section.grain as u32 + 1);
-                grains[surface] = Some(grain);
-                grain
-            }
+                cut.sections.iter().min_by(|a, b| gauge(a).total_cmp(&gauge(b)))
+            } else {
+                cut.sections.get(surface - 1)
+            };
+            let grain = section.map_or(0, |section| section.grain as u32 + 1);
+            grains[surface] = Some(grain);
+            grain
         };
         mesh.grain_of[element] = grain;
     }

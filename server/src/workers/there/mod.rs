@@ -282,7 +282,7 @@ impl There {
                     Err(error) => return Err(error),
                 }
             }
-            Told::Failed(failure, facts) => end(EndOutcome::Failed, Some(failure), Some(facts)),
+            Told::Failed(failure, facts) => end(EndOutcome::Failed, Some(failure), Some(*facts)),
             Told::Cancelled => end(EndOutcome::Cancelled, None, None),
             Told::Faulted(Cause::NoRoom(bytes)) => no_room(bytes),
             Told::Faulted(cause) => {

@@ -114,7 +114,9 @@ impl Store {
                 .write(Durability::PowerCut, made, |store, made, tx| Box::pin(made.record(store, tx)))
                 .await?;
             store.notify_export(id);
-            study.into_iter().for_each(|study| store.notify_study(study));
+            if let Some(study) = study {
+                store.notify_study(study);
+            }
             Ok(())
         })
         .await
@@ -160,7 +162,9 @@ impl Store {
                 })
                 .await?;
             store.notify_export(id);
-            study.into_iter().for_each(|study| store.notify_study(study));
+            if let Some(study) = study {
+                store.notify_study(study);
+            }
             Ok(())
         })
         .await
