@@ -147,6 +147,7 @@ fn false_figures() -> [(&'static str, &'static str, Value, &'static str); 10] {
 
 /// Each change of a valid result is refused by `check` and by every export, with one message.
 #[tokio::test]
+#[allow(clippy::too_many_lines)] // A list of cases.
 async fn tampered_results_are_refused_by_every_command() {
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
