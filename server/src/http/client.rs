@@ -1,6 +1,6 @@
 //! The client of the request that a task answers, as those know it who share out places.
 
-use crate::accounts::Caller;
+use crate::accounts::Submitter;
 use crate::fair_places::Client;
 use crate::memory_budget::client_of;
 
@@ -8,9 +8,9 @@ tokio::task_local! {
     static CLIENT: Client;
 }
 
-/// The client at an address, as text, with the rights of a caller: the address, and the owner of its key.
-pub(crate) fn client(address: &str, caller: &Caller) -> Client {
-    let owner = (!caller.by.key.is_empty()).then(|| format!("owner {}", caller.by.owner));
+/// The client at an address, as text, with a key or none: the address, and the owner of the key.
+pub(crate) fn client(address: &str, by: &Submitter) -> Client {
+    let owner = (!by.key.is_empty()).then(|| format!("owner {}", by.owner));
     Client::named([format!("address {}", client_of(address))].into_iter().chain(owner))
 }
 
@@ -27,17 +27,15 @@ pub(crate) fn current() -> Client {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accounts::Submitter;
 
     #[tokio::test]
     async fn a_client_is_its_address_and_the_owner_of_its_key() {
-        let anybody = client("[2001:db8::1]:80", &Caller::default());
-        assert_eq!(anybody, client("2001:db8::2", &Caller::default()));
-        assert_ne!(anybody, client("192.0.2.1", &Caller::default()));
-        let mut caller = Caller::default();
-        caller.by = Submitter { key: "desk".into(), owner: "lab".into() };
-        let with_key = client("192.0.2.1", &caller);
-        assert_ne!(with_key, client("192.0.2.1", &Caller::default()));
+        let anybody = client("[2001:db8::1]:80", &Submitter::default());
+        assert_eq!(anybody, client("2001:db8::2", &Submitter::default()));
+        assert_ne!(anybody, client("192.0.2.1", &Submitter::default()));
+        let by = Submitter { key: "desk".into(), owner: "lab".into() };
+        let with_key = client("192.0.2.1", &by);
+        assert_ne!(with_key, client("192.0.2.1", &Submitter::default()));
         assert_eq!(answering(with_key.clone(), async { current() }).await, with_key);
         assert_eq!(current(), Client::default());
     }

@@ -83,7 +83,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         };
         match admitted.await {
             Ok(caller) => {
-                let of = client::client(&client, &caller);
+                let of = client::client(&client, &caller.by);
                 request.extensions_mut().insert(caller);
                 request.extensions_mut().insert(site);
                 let answer = client::answering(of, next.run(request));
