@@ -271,7 +271,7 @@ const OPTION_TABLES: [(&str, &[&str]); 5] = [
     ("docs/ldpm.md", &["ldpm"]),
     ("docs/meshes.md", &["mesh", "mesh"]),
     ("docs/properties.md", &["properties"]),
-    ("docs/voxels.md", &["voxels", "slice"]),
+    ("docs/voxels.md", &["voxels", "slice", "slice"]),
 ];
 
 /// What is wrong with a table of the options of exports of a type.

@@ -481,7 +481,7 @@ async fn capabilities_and_metrics_tell_of_models() {
             assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
         }
     }
-    assert_eq!(seen, 28);
+    assert_eq!(seen, 29);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
     let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 4";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");

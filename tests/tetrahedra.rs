@@ -378,14 +378,16 @@ async fn a_cylinder_of_one_material_has_its_constants() {
     let solution = |name: &str| {
         read(&folder.join(format!("result.deck.tetrahedra.{name}order-2.target_elements-4000/solution.json")))
     };
-    let near = |value: &Value, expected: f64| {
-        assert!((value.as_f64().unwrap() / expected - 1.0).abs() < 1e-6, "{value}, not {expected}");
+    let near = |value: &Value, expected: f64, tolerance: f64| {
+        assert!((value.as_f64().unwrap() / expected - 1.0).abs() < tolerance, "{value}, not {expected}");
     };
+    // The triangles of the lateral surface are no prism: its sections differ along the height.
     let stretched = solution("");
-    near(&stretched["youngs_modulus_gpa"], 25.0);
-    near(&stretched["poissons_ratios"][0], 0.2);
+    near(&stretched["youngs_modulus_gpa"], 25.0, 1e-3);
+    near(&stretched["poissons_ratios"][0], 0.2, 1e-2);
+    // It expands freely, whatever its form.
     for alpha in solution("temperature.")["expansion_1_k"].as_array().unwrap() {
-        near(alpha, 1.1e-5);
+        near(alpha, 1.1e-5, 1e-6);
     }
     let sheared = ["run", "job.json", "--out", "sheared", "--solve", "elements=tetrahedra,load=shear_xy"];
     let refused = packstone(folder, &sheared).await;

@@ -6,8 +6,8 @@
 //! Writers and readers are handed in: the caller decides when, where and under which name checkpoints are kept.
 //!
 //! Layout, all little-endian: magic `PACKSTCK`, `u32` revision of this layout, the engine's version and the request
-//! (each as `u64` length and bytes, the request as its JSON without materials, or what an export is made of), the body in frames of `u32` length and
-//! bytes, of which one of length 0 is the last, and the CRC-32 of all that came before.
+//! (each as `u64` length and bytes, the request as its JSON without materials, or what an export is made of), the body
+//! in frames of `u32` length and bytes, of which one of length 0 is the last, and the CRC-32 of all that came before.
 
 use std::io::{self, Read, Write};
 

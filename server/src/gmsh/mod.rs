@@ -41,8 +41,8 @@ const SCRIPT: &str = "fill.geo";
 /// Options of commands that make tetrahedra and triangles.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct GmshOptions {
-    /// Gmsh, which makes tetrahedra and triangles: the program, or a Python that has the module gmsh [default: `gmsh` on the PATH,
-    /// else the module gmsh of python3]
+    /// Gmsh, which makes tetrahedra and triangles: the program, or a Python that has the module gmsh [default: `gmsh`
+    /// on the PATH, else the module gmsh of python3]
     #[arg(long, env = "PACKSTONE_GMSH", value_name = "FILE")]
     gmsh: Option<PathBuf>,
     /// Longest run of Gmsh, in seconds [default: 3600]

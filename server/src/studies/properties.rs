@@ -18,8 +18,6 @@ macro_rules! properties {
     ($($(#[$doc:meta])* $property:ident $name:literal $unit:literal $words:literal,)*) => {
         /// An effective property of a packing.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-        #[cfg_attr(test, derive(utoipa::ToSchema))]
-        #[cfg_attr(test, schema(as = StudyProperty))]
         pub(crate) enum Property {
             $($(#[$doc])* #[serde(rename = $name)] $property,)*
         }
@@ -63,6 +61,25 @@ properties! {
     Conductivity "conductivity_w_m_k" "W/(m K)" "conductivity",
     /// A third of the trace of the diffusivity.
     Diffusivity "diffusivity_m2_s" "m\u{B2}/s" "diffusivity",
+}
+
+#[cfg(test)]
+impl utoipa::PartialSchema for Property {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
+        utoipa::openapi::ObjectBuilder::new()
+            .schema_type(utoipa::openapi::schema::Type::String)
+            .description(Some("An effective property of a packing."))
+            .enum_values(Some(Self::ALL.iter().map(|property| property.name())))
+            .build()
+            .into()
+    }
+}
+
+#[cfg(test)]
+impl utoipa::ToSchema for Property {
+    fn name() -> std::borrow::Cow<'static, str> {
+        "StudyProperty".into()
+    }
 }
 
 /// What is computed of the values of a property over the runs of a point, in the order of its columns.

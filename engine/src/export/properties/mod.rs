@@ -203,8 +203,8 @@ pub(super) fn checkpoint_identity(model: &Model<'_>, options: &PropertyOptions) 
 /// again, and change no byte.
 ///
 /// # Errors
-/// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does not reach the tolerance;
-/// [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
+/// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does not
+/// reach the tolerance; [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
 pub(super) fn write(
     model: &Model<'_>,
     options: &PropertyOptions,

@@ -1,9 +1,10 @@
 //! The voxels of a packing for homogenization: phases, and shares and normals where a surface cuts a voxel.
 //!
 //! Shares of spheres, ellipsoids and sharp polyhedra are exact ([`cut_ellipsoid`](super::cut_ellipsoid),
-//! [`cut_polyhedron`](super::cut_polyhedron)), and normals are along the area vector of the surface in the voxel. Shares
-//! of rounded polyhedra are measured along lines, each of which the surface cuts exactly, and their normals are those
-//! of the surface near the centre of the voxel. A voxel with more than two phases has the two of the largest shares.
+//! [`cut_polyhedron`](super::cut_polyhedron)), and normals are along the area vector of the surface in the voxel.
+//! Shares of rounded polyhedra are measured along lines, each of which the surface cuts exactly, and their normals are
+//! those of the surface near the centre of the voxel. A voxel with more than two phases has the two of the largest
+//! shares.
 
 use nalgebra::{Matrix3, Vector3};
 

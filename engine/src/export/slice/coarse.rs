@@ -3,10 +3,10 @@
 //!
 //! A section that is drawn has as many corners as it takes to look round, and a plane cuts off corners of a polyhedron
 //! in sides of any length. A mesh has edges of a share of the circumference of the section, a twentieth where nothing
-//! else is requested, or of the largest element where that is shorter. Parts that are curved, or shorter than a third of such an edge, are divided evenly;
-//! one that is shorter than that as a whole becomes its middle. The polygon is then enlarged about its centroid to the
-//! area of the section, as far as a quarter of the gaps to other sections and half of those to the edges of the cut
-//! allow. A section without such parts stays as it is.
+//! else is requested, or of the largest element where that is shorter. Parts that are curved, or shorter than a third
+//! of such an edge, are divided evenly; one that is shorter than that as a whole becomes its middle. The polygon is
+//! then enlarged about its centroid to the area of the section, as far as a quarter of the gaps to other sections and
+//! half of those to the edges of the cut allow. A section without such parts stays as it is.
 
 use std::collections::HashMap;
 

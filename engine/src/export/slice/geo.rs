@@ -1,8 +1,9 @@
 //! A Gmsh script of a cut: plane surfaces of matrix and aggregates that share their edges, with physical groups.
 //!
-//! Groups: surfaces `matrix` and `aggregates`, or one for each of several aggregates, curves `itz` and one per edge of the outline (`x_min` and so on;
-//! `side` where that is a cylinder's lateral surface). Where all sections lie inside, the matrix is made with its holes
-//! at once; sections that cross the edges of a periodic cut are clipped by the kernel's Boolean operations.
+//! Groups: surfaces `matrix` and `aggregates`, or one for each of several aggregates, curves `itz` and one per edge of
+//! the outline (`x_min` and so on; `side` where that is a cylinder's lateral surface). Where all sections lie inside,
+//! the matrix is made with its holes at once; sections that cross the edges of a periodic cut are clipped by the
+//! kernel's Boolean operations.
 //!
 //! Circles are curves of the kernel, which Gmsh divides evenly. It divides ellipses by their curvature, and the area
 //! of the polygon has no closed form then: an ellipse is written as the affine image of a regular polygon, whose area

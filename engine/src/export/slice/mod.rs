@@ -1,10 +1,9 @@
 //! Plane cuts through a packing: the sections of its grains, their area, and the picture, table or 2D model of them.
 //!
-//! The common two-dimensional mesoscale model of concrete is such a cut; `triangles` meshes it. A cut is perpendicular to one axis; its
-//! own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is one of them.
-//! Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The module knows
-//! grains and their specimen; it must
-//! never know how they were packed.
+//! The common two-dimensional mesoscale model of concrete is such a cut; `triangles` meshes it. A cut is perpendicular
+//! to one axis; its own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is
+//! one of them. Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The
+//! module knows grains and their specimen; it must never know how they were packed.
 
 mod coarse;
 mod cut;

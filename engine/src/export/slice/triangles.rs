@@ -1,8 +1,8 @@
 //! Triangles of a cut: the script of `geo`, meshed by a program that the caller gives, read back and checked.
 //!
 //! The program is given the lengths of edges and the order of the elements. Circles and ellipses are enlarged to
-//! polygons of their area, as far as the gaps allow; mid nodes are the middles of edges, so that elements of both orders
-//! have the same shape.
+//! polygons of their area, as far as the gaps allow; mid nodes are the middles of edges, so that elements of both
+//! orders have the same shape.
 
 use std::io::{self, Write};
 
