@@ -526,7 +526,8 @@ async fn only_workers_of_the_same_build_with_a_key_get_jobs() {
 async fn a_worker_goes_on_with_the_key_that_its_file_has_after_a_rotation() {
     let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
     let mut made = Vec::new();
-    for (name, role) in [("root", "admin"), ("before", "worker"), ("after", "worker")] {
+    // The new key has the name of the old one: the lease of a job belongs to it.
+    for (name, role) in [("root", "admin"), ("cluster", "worker"), ("cluster", "worker")] {
         let printed = packstone(folder.path(), &["key", name, "--role", role]).await.stdout;
         let (key, line) = printed.split_once('\n').unwrap();
         made.push((key.to_owned(), line.to_owned()));
@@ -546,14 +547,21 @@ async fn a_worker_goes_on_with_the_key_that_its_file_has_after_a_rotation() {
         .await;
     let root = server.client().with_key(&made[0].0);
     let worker = worker(folder.path(), &server, "w", &["--key-file", "key"]);
-    root.succeed(&jobs::quick(1)).await;
+    let job = root.submit(&jobs::endless_growth()).await;
+    root.running(id_of(&job)).await;
     put("key", made[2].0.clone());
     put("keys", format!("{}{}", made[0].1, made[2].1));
     let old = server.client().with_key(&made[1].0);
     let refused = async { while old.get("/v1/key").send().await.status.as_u16() != 401 {} };
     patiently("the old key to be refused", refused).await;
-    root.succeed(&jobs::quick(2)).await;
-    drop(worker);
+    // The worker learns of it by an answer to the new key.
+    root.post(&format!("/v1/jobs/{}/cancel", id_of(&job))).send().await.expect(202);
+    let ended = root.finished(id_of(&job)).await;
+    assert_eq!((&ended["state"], &ended["attempt"]), (&json!("cancelled"), &json!(1)), "{ended:#}");
+    worker.signal(Signal::TERM);
+    let ended = worker.ended().await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(ended.stderr.contains("the file has another one now"), "{ended:?}");
     server.stop().await;
 }
 
