@@ -132,7 +132,7 @@ fn gradings() -> Vec<Case> {
         sieves(json!([[2, -0.1], [16, 1]]), "/mix/grading/points/0/1", &["-0.1", "at least 0"]),
         sieves(json!([[2, 0.1], [16, 110]]), "/mix/grading/points/1/1", &["110", "at most 100"]),
         sieves(json!([[2, 0.1], [4, 30], [16, 100]]), "/mix/grading/points", &["0.1", "10 %", "percents"]),
-        sieves(json!([[2, 0.1], [16, 0.8]]), "/mix/grading/points/1", &["0.8", "must be 1", "128 mm"]),
+        sieves(json!([[2, 0.1], [16, 0.8]]), "/mix/grading/points/1", &["0.8", "must be 1", "125 mm"]),
         sieves(json!([[2, 0.1]]), "/mix/grading/points", &["1 point", "at least 2"]),
         sieves(json!([]), "/mix/grading/points", &["0 points", "at least 2"]),
         sieves(json!([[2], [16, 1]]), "/mix/grading/points/0", &["1 items", "exactly 2"]),

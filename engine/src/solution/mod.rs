@@ -46,10 +46,11 @@ pub enum SolutionError {
 pub struct Solution {
     /// What was done to the specimen.
     pub load: Load,
-    /// Mean stress xx, yy, zz, yz, xz, xy in MPa along the axes of the mesh, positive in tension; of a cut the components
-    /// across it are not computed and 0.
+    /// Mean stress xx, yy, zz, yz, xz, xy in MPa along the axes of the mesh, positive in tension; of a cut the
+    /// components across it are not computed and 0.
     pub mean_stress_mpa: [f64; 6],
-    /// Mean strain along x, y, z of the mesh, of the plates; of a cut the last is not computed and 0; of a cylinder the radial strain stands for x and y.
+    /// Mean strain along x, y, z of the mesh, of the plates; of a cut the last is not computed and 0; of a cylinder the
+    /// radial strain stands for x and y.
     pub mean_strain: [f64; 3],
     /// Young's modulus along the axis of a uniaxial load.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -3,8 +3,8 @@
 //!
 //! A deck is a zip: `model.inp` with the step, `mesh.inp`, `materials.inp`, `plates.inp` with the equations that keep
 //! free faces plane, `deck.json` with the figures, and a README. `load` has the boundary conditions and why they are
-//! chosen, `frame` the axes of the mesh, `support` the check that they hold it, `solid_part` what becomes of pores, `text` the keywords.
-//! [`crate::solution`] reads what CalculiX computes of it.
+//! chosen, `frame` the axes of the mesh, `support` the check that they hold it, `solid_part` what becomes of pores,
+//! `text` the keywords. [`crate::solution`] reads what CalculiX computes of it.
 
 mod frame;
 mod load;

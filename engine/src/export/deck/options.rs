@@ -133,8 +133,8 @@ pub struct LoadCase {
     /// The program that reads it.
     #[cfg_attr(feature = "openapi", schema(default = "calculix", required = false))]
     pub solver: Solver,
-    /// What is done to the specimen. A cylinder has `uniaxial_z` and `temperature`, a cut the loads in its plane. Default
-    /// of a cut across z: `uniaxial_y`.
+    /// What is done to the specimen. A cylinder has `uniaxial_z` and `temperature`, a cut the loads in its plane.
+    /// Default of a cut across z: `uniaxial_y`.
     #[cfg_attr(feature = "openapi", schema(default = "uniaxial_z", required = false))]
     pub load: Load,
     /// Strain along the axis of a uniaxial load, or shear angle: 1e-9 to 0.1 in size; positive stretches. Default:

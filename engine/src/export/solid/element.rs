@@ -1,8 +1,8 @@
 //! The kinds of solid elements and of plane ones: nodes, sides, volumes and the quality of tetrahedra and triangles.
 //!
 //! Nodes and sides are numbered as Abaqus and CalculiX number them: those of tetrahedra with mid nodes are the corners
-//! 1 to 4, then the middles of the edges 12, 23, 31, 14, 24, 34; those of triangles the corners 1 to 3, then the middles
-//! of 12, 23, 31. Plane elements lie in the plane of x and y and are 1 mm thick.
+//! 1 to 4, then the middles of the edges 12, 23, 31, 14, 24, 34; those of triangles the corners 1 to 3, then the
+//! middles of 12, 23, 31. Plane elements lie in the plane of x and y and are 1 mm thick.
 
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};

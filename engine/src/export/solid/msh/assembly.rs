@@ -8,8 +8,8 @@ use crate::memory::{filled, reserved};
 const INTERFACE: &str = "itz";
 /// Name of the physical group of what is between the grains.
 const MATRIX: &str = "matrix";
-/// Places of Gmsh's nodes in the order of Abaqus: of tetrahedra the last two mid nodes are exchanged, those of triangles
-/// are in the same order.
+/// Places of Gmsh's nodes in the order of Abaqus: of tetrahedra the last two mid nodes are exchanged, those of
+/// triangles are in the same order.
 const ORDER: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8];
 /// The same of a triangle that runs clockwise.
 const REVERSED: [usize; 6] = [0, 2, 1, 5, 4, 3];
