@@ -327,7 +327,11 @@ fn every_option_in_a_table_of_the_documents_exists_with_its_default() {
     assert!(faults.is_empty(), "{}", faults.join("\n"));
     // What the test is for.
     let row = |name: &str, default: &str| vec![format!("`{name}`"), default.to_owned(), String::new()];
-    let faults = option_faults("slice", &[row("form", "`svg`"), row("pixels", "1000"), row("axis", "`x`")]);
+    let of_triangles =
+        [("elements", ""), ("order", "1"), ("plane", "`stress`"), ("segments", ""), ("max_size_mm", "")];
+    let mut rows = vec![row("form", "`svg`"), row("pixels", "1000"), row("axis", "`x`")];
+    rows.extend(of_triangles.map(|(name, default)| row(name, default)));
+    let faults = option_faults("slice", &rows);
     let known = ["no option form", "the default of axis", "no row for at_mm"];
     assert!(
         faults.len() == 3 && known.iter().zip(&faults).all(|(known, fault)| fault.contains(known)),

@@ -163,7 +163,7 @@ fn masses_that_fit_no_cubic_metre_or_nothing_else_are_refused() {
         (
             "/proportions",
             json!({"cement_kg_m3": 330, "water_cement": 0.5, "air": 0.02}),
-            "/mix/proportions/air: where the mass of the aggregate is given",
+            "/mix/proportions/air: with aggregate_cement, or the mass_kg_m3",
         ),
         (
             "/proportions",

@@ -135,7 +135,7 @@ fn what_contradicts_itself_is_refused() {
     assert_eq!(
         faults(&json!({"cement_kg_m3": 300, "water_cement": 0.5, "aggregate_cement": 6, "air": 0.02})),
         [
-            "/mix/proportions/air: where the mass of the aggregate is given, the air is what all parts leave: leave one of the two out"
+            "/mix/proportions/air: with aggregate_cement, or the mass_kg_m3 of the aggregates, the air is what all parts leave: leave one of the two out"
         ]
     );
     assert_eq!(
