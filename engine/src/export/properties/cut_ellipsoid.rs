@@ -9,7 +9,7 @@
 //! - within the disc of the plane `A_in` grows by `e (t_2 - t_1) / 2`;
 //! - outside `A_in` grows by `(1 - d^2) p / 2`, or by nothing where the plane misses the ball, and `W_out` by
 //!   `c p - [atan(d t / (e sqrt(d^2 + e^2 + t^2)))]` from `t_1` to `t_2`, with `c = d`, or the sign of `d` where the
-//! plane   misses the ball.
+//!   plane misses the ball.
 //!
 //! The surface of the ellipsoid within the voxel closes what the covered parts of the faces of the voxel leave open, so
 //! that its area vector is the difference of these.
