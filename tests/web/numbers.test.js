@@ -290,6 +290,7 @@ test("defaults that the page states are those of the interface", inBrowser, asyn
     "mesh geo segments: null, not 16",
     "deck zip elements: null, not voxels",
     "properties json cells: null, not 128",
+    "properties vti cells: null, not 128",
   ]);
   clean();
   await close();
