@@ -69,11 +69,11 @@ async fn contents(path: &Path) -> BTreeMap<String, Vec<String>> {
     contents.insert("schema".to_owned(), schema);
     let tables = "select name from sqlite_schema where type = 'table'";
     for table in sqlx::query_scalar::<_, String>(tables).fetch_all(&mut connection).await.unwrap() {
-        let columns: Vec<String> = sqlx::query_scalar("select name from pragma_table_xinfo(?)")
-            .bind(&table)
-            .fetch_all(&mut connection)
-            .await
-            .unwrap();
+        // But for what belongs to the runs of a service on one file.
+        let columns = "select name from pragma_table_xinfo(?1)
+            where not (?1 = 'packstone' and name in ('run', 'commits'))";
+        let columns: Vec<String> =
+            sqlx::query_scalar(columns).bind(&table).fetch_all(&mut connection).await.unwrap();
         let row = columns
             .iter()
             .map(|column| format!("quote(\"{column}\")"))
