@@ -12,6 +12,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::harness::deadline::eventually;
+use crate::harness::results::json_in as read;
 use crate::harness::{Client, DataDir, Running, Server, id_of, machine, packstone};
 
 const CCX: &str = "PACKSTONE_CCX";
@@ -60,10 +61,6 @@ fn unzipped(bytes: &[u8]) -> Vec<(String, String)> {
             (file.name().unwrap().into_owned(), text)
         })
         .collect()
-}
-
-fn read(file: &Path) -> Value {
-    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
 }
 
 #[tokio::test]

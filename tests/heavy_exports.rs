@@ -7,6 +7,7 @@ use reqwest::Method;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
+use crate::harness::deadline::eventually;
 use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, jobs};
 use crate::workers::{build_of, claim, sha256};
 
@@ -42,11 +43,15 @@ fn worker(folder: &Path, server: &Server, name: &str) -> Running {
 }
 
 /// A job that is packed, whose export a worker of that name makes at the moment.
-async fn begun(client: &Client, worker: &str) -> String {
+async fn begun(server: &Server, worker: &str) -> String {
+    let client = server.client();
     let done = client.succeed(&job()).await;
     let id = id_of(&done).to_owned();
-    let running = export_when(client, &id, "running").await;
+    let running = export_when(&client, &id, "running").await;
     assert_eq!(running["worker"], worker, "{running:#}");
+    // A lease whose answer cannot be delivered goes back to the queue, and its attempt does not count.
+    let is_fetched = |line: &str| line.contains("method=GET") && line.contains("/1/result\"}");
+    eventually("the worker to have its lease", || server.log().lines().any(is_fetched)).await;
     id
 }
 
@@ -56,7 +61,7 @@ async fn a_worker_makes_what_takes_long_and_another_goes_on_when_it_is_killed() 
     let server = server(&data_dir, "3").await;
     let client = server.client();
     let first = worker(folder.path(), &server, "first");
-    let id = begun(&client, "first").await;
+    let id = begun(&server, "first").await;
     let second = worker(folder.path(), &server, "second");
     first.signal(Signal::KILL);
     first.ended().await;
@@ -80,7 +85,7 @@ async fn a_server_whose_workers_have_gone_makes_it_itself() {
     let server = server(&data_dir, "3").await;
     let client = server.client();
     let first = worker(folder.path(), &server, "first");
-    let id = begun(&client, "first").await;
+    let id = begun(&server, "first").await;
     first.signal(Signal::KILL);
     first.ended().await;
     let made = export_when(&client, &id, "succeeded").await;
@@ -114,7 +119,7 @@ async fn what_a_worker_says_of_an_export_is_held_against_the_packing() {
     let client = server.client();
     let build = build_of(&client).await;
     let first = worker(folder.path(), &server, "first");
-    let id = begun(&client, "first").await;
+    let id = begun(&server, "first").await;
     first.signal(Signal::KILL);
     first.ended().await;
     let volume_fraction = client.result(&id).await["summary"]["volume_fraction_effective"].clone();

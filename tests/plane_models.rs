@@ -2,11 +2,11 @@
 //! by CalculiX.
 
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json};
 
+use crate::harness::results::json_in as read;
 use crate::harness::{DataDir, Launch, id_of, machine, packstone, run};
 
 const CHECK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/triangles.py");
@@ -42,29 +42,9 @@ fn job(is_periodic: bool) -> Value {
     job
 }
 
-/// The Python with Gmsh, and the program of Debian: those that there are.
-fn installed() -> Option<(PathBuf, Vec<PathBuf>)> {
-    let lacks = |lacks: &str| machine::skip("PACKSTONE_PYTHON", lacks, "Triangles were not made.");
-    let Some(python) = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty()) else {
-        lacks("no Python with gmsh");
-        return None;
-    };
-    let mut all = vec![PathBuf::from(&python)];
-    match machine::missing(&["gmsh"]) {
-        None => all.push("gmsh".into()),
-        Some(missing) => lacks(&missing),
-    }
-    Some((python.into(), all))
-}
-
-fn read(file: &Path) -> Value {
-    let text = fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-    serde_json::from_slice(&text).unwrap()
-}
-
 #[tokio::test]
 async fn triangles_of_each_gmsh_have_the_sections_of_the_grains() {
-    let Some((python, all)) = installed() else { return };
+    let Some((python, all)) = machine::gmsh("Triangles were not made.") else { return };
     for gmsh in all {
         for is_periodic in [false, true] {
             let directory = tempfile::tempdir().unwrap();
@@ -90,7 +70,7 @@ async fn triangles_of_each_gmsh_have_the_sections_of_the_grains() {
 
 #[tokio::test]
 async fn decks_of_cuts_are_solved() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Triangles were not made.") else { return };
     if let Some(missing) = machine::missing(&["ccx"]) {
         return machine::skip("PACKSTONE_PYTHON", &missing, "No deck was solved.");
     }
@@ -152,7 +132,7 @@ async fn decks_of_cuts_are_solved() {
 
 #[tokio::test]
 async fn the_service_makes_plane_models_and_refuses_those_that_cannot_be() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Triangles were not made.") else { return };
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
     let data_dir = DataDir::new();

@@ -7,6 +7,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::harness::deadline::eventually;
+use crate::harness::results::json_in as read;
 use crate::harness::{Client, DataDir, Launch, Running, Server, id_of, packstone};
 
 /// Materials of which the grains are stiffer by a factor.
@@ -34,10 +35,6 @@ fn with_materials() -> Value {
     let mut job = mix();
     job["materials"] = materials(2.8);
     job
-}
-
-fn read(file: &Path) -> Value {
-    serde_json::from_slice(&fs::read(file).unwrap()).unwrap()
 }
 
 fn number(value: &Value) -> f64 {

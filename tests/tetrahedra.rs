@@ -2,11 +2,12 @@
 //! missing, fails or hangs.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::{Value, json};
 
+use crate::harness::results::json_in as read;
 use crate::harness::{DataDir, Launch, id_of, machine, packstone, run};
 
 const CHECK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/tetrahedra.py");
@@ -49,21 +50,6 @@ fn hashin_shtrikman_gpa(share: f64) -> [f64; 2] {
     })
 }
 
-/// The Python with Gmsh, and the program of Debian: those that there are.
-fn installed() -> Option<(PathBuf, Vec<PathBuf>)> {
-    let lacks = |lacks: &str| machine::skip("PACKSTONE_PYTHON", lacks, "Tetrahedra were not made.");
-    let Some(python) = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty()) else {
-        lacks("no Python with gmsh");
-        return None;
-    };
-    let mut all = vec![PathBuf::from(&python)];
-    match machine::missing(&["gmsh"]) {
-        None => all.push("gmsh".into()),
-        Some(missing) => lacks(&missing),
-    }
-    Some((python.into(), all))
-}
-
 /// A shell script in Gmsh's place, of version 4.99.
 fn fake(folder: &Path, fills: &str) -> String {
     let file = folder.join("fake-gmsh");
@@ -102,7 +88,7 @@ async fn modulus_gpa(folder: &Path, mesh: &str) -> f64 {
 
 #[tokio::test]
 async fn tetrahedra_of_each_gmsh_are_read_by_others_and_solved() {
-    let Some((python, all)) = installed() else { return };
+    let Some((python, all)) = machine::gmsh("Tetrahedra were not made.") else { return };
     for gmsh in all {
         let directory = tempfile::tempdir().unwrap();
         let folder = directory.path();
@@ -140,7 +126,7 @@ async fn tetrahedra_of_each_gmsh_are_read_by_others_and_solved() {
 
 #[tokio::test]
 async fn sizes_growth_and_the_aim_decide_the_number_of_tetrahedra() {
-    let Some((_, all)) = installed() else { return };
+    let Some((_, all)) = machine::gmsh("Tetrahedra were not made.") else { return };
     for gmsh in all {
         let directory = tempfile::tempdir().unwrap();
         let folder = directory.path();
@@ -178,7 +164,7 @@ async fn sizes_growth_and_the_aim_decide_the_number_of_tetrahedra() {
 /// `gmsh -3 NAME.msh.geo -o model.inp` makes a deck of the surfaces that a solver takes as it is.
 #[tokio::test]
 async fn the_script_beside_surfaces_makes_a_deck_that_runs() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Tetrahedra were not made.") else { return };
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
     fs::write(folder.join("job.json"), job().to_string()).unwrap();
@@ -260,7 +246,7 @@ async fn a_service_tells_why_it_has_no_tetrahedra() {
 
 #[tokio::test]
 async fn a_service_makes_tetrahedra_and_remembers_by_which_gmsh() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Tetrahedra were not made.") else { return };
     let directory = tempfile::tempdir().unwrap();
     let data_dir = DataDir::new();
     let server = Launch::new(&data_dir).args(&["--gmsh", python.to_str().unwrap()]).start().await;
@@ -284,11 +270,6 @@ async fn a_service_makes_tetrahedra_and_remembers_by_which_gmsh() {
     server.stop().await;
 }
 
-fn read(file: &Path) -> Value {
-    let text = fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-    serde_json::from_slice(&text).unwrap()
-}
-
 /// The fields of the answer have all elements, and a displacement of the moved plate alone at its nodes.
 const FIELDS: &str = "import sys, meshio, numpy\nmesh = meshio.read(sys.argv[1])\n\
     u, z = mesh.point_data['displacement'], mesh.points[:, 2]\n\
@@ -298,7 +279,7 @@ const FIELDS: &str = "import sys, meshio, numpy\nmesh = meshio.read(sys.argv[1])
 
 #[tokio::test]
 async fn one_command_goes_from_a_mix_to_the_modulus_of_tetrahedra() {
-    let Some((python, all)) = installed() else { return };
+    let Some((python, all)) = machine::gmsh("Tetrahedra were not made.") else { return };
     if let Some(missing) = machine::missing(&["ccx"]) {
         return machine::skip("PACKSTONE_PYTHON", &missing, "No deck was solved.");
     }
@@ -357,7 +338,7 @@ async fn one_command_goes_from_a_mix_to_the_modulus_of_tetrahedra() {
 /// A cylinder of one material has its constants exactly, whatever grains divide its mesh.
 #[tokio::test]
 async fn a_cylinder_of_one_material_has_its_constants() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Tetrahedra were not made.") else { return };
     if let Some(missing) = machine::missing(&["ccx"]) {
         return machine::skip("PACKSTONE_PYTHON", &missing, "No deck was solved.");
     }
@@ -397,7 +378,7 @@ async fn a_cylinder_of_one_material_has_its_constants() {
 
 #[tokio::test]
 async fn the_service_makes_decks_of_tetrahedra_and_refuses_those_that_cannot_be() {
-    let Some((python, _)) = installed() else { return };
+    let Some((python, _)) = machine::gmsh("Tetrahedra were not made.") else { return };
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
     let data_dir = DataDir::new();

@@ -2,7 +2,16 @@
 //!
 //! Shares nothing with the writers: a mistake made twice would cancel out.
 
+use std::fs;
+use std::path::Path;
+
 use serde_json::Value;
+
+/// A file of JSON.
+pub(crate) fn json_in(file: &Path) -> Value {
+    let text = fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    serde_json::from_slice(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
+}
 
 /// `x, y, z, d` of every sphere, in the order of the result.
 pub(crate) type Rows = Vec<[f64; 4]>;

@@ -301,7 +301,10 @@ fn read_completed(at: &At<'_>, curve: Option<&SieveCurve>) -> Option<Vec<f64>> {
             .any(|([d, passing], end)| d == mm && passing == end)
     };
     if sieves.len() > 2 || !sieves.iter().all(is_end) {
-        at.fault("names sieves that were added to the points: must be their finest, which nothing passes, or their coarsest, which all mass passes; or leave this field out");
+        at.fault(
+            "names sieves that were added to the points: must be their finest, which nothing passes, or their \
+             coarsest, which all mass passes; or leave this field out",
+        );
         return None;
     }
     Some(sieves)

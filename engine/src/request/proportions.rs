@@ -184,7 +184,10 @@ pub(super) fn read_proportions(
     };
     let air = match object.optional("air") {
         Some(at) if has_mass => {
-            at.fault("with aggregate_cement, or the mass_kg_m3 of the aggregates, the air is what all parts leave: leave one of the two out");
+            at.fault(
+                "with aggregate_cement, or the mass_kg_m3 of the aggregates, the air is what all parts leave: leave one \
+                 of the two out",
+            );
             None
         }
         Some(at) => at.number(SHARE).map(Some),

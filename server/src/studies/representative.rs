@@ -37,7 +37,8 @@ pub(crate) struct RepresentativeVolume {
     /// Integral range `A_3`, fitted.
     #[cfg_attr(test, schema(required))]
     pub(crate) integral_range_mm3: Option<f64>,
-    /// Edge of the cube of which one packing has the property with a relative error of 1 %, by the fit.
+    /// Edge of the cube of which one packing has the property with a relative error of 1 %, by the fit. Below the
+    /// smallest edge of the study the fit is not tested: take that one.
     #[cfg_attr(test, schema(required))]
     pub(crate) edge_mm: Option<f64>,
     /// The volumes, the smallest first.

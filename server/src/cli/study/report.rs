@@ -167,11 +167,17 @@ fn representative_volumes(table: &Table) -> String {
         let values: Vec<String> =
             of.values.iter().map(|(column, value)| format!(" {column}={}", short(value))).collect();
         let (alpha, range, edge) = (of.alpha?, of.integral_range_mm3?, of.edge_mm?);
+        // Below the smallest cube the fit was not tested, and grains may not fit in.
+        let smallest = of.volumes.first().map_or(0.0, |volume| volume.edge_mm);
+        let cube = if edge < smallest {
+            format!("one cube of the smallest edge, {} mm,", significant(smallest, 3))
+        } else {
+            format!("one cube of {} mm", significant(edge, 3))
+        };
         Some(format!(
-            "{}{}: one cube of {} mm has it within 1 % (alpha {alpha:.2}, A3 {} mm3)\n",
+            "{}{}: {cube} has it within 1 % (alpha {alpha:.2}, A3 {} mm3)\n",
             of.property.name(),
             values.concat(),
-            significant(edge, 3),
             significant(range, 3),
         ))
     };

@@ -139,35 +139,37 @@ macro_rules! pause {
     };
 }
 
-/// The attempt may have ended before it was recorded: then its file is known to nobody.
-macro_rules! note_file {
-    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+/// Has the file of the attempt of each of these tasks removed, which nobody may know.
+macro_rules! remove_file {
+    ($table:literal, $($which:expr),+) => {
         concat!(
             "insert into removals (path)
              select substr(id, length(id) - 1) || '/' || id || '.' || attempt || '.' || ?3 from ",
             $table,
             " where ",
-            $runs,
-            " and coalesce(lease_expires_at, 0) <= ?1 and not (?2 and ",
-            $elsewhere,
-            ") on conflict do nothing"
+            $($which,)+
+            " on conflict do nothing"
         )
     };
 }
 
-/// A worker process may have sent a file of the attempt that could not be recorded: then nobody knows it.
+/// The attempt may have ended before it was recorded.
+macro_rules! note_file {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        remove_file!(
+            $table,
+            $runs,
+            " and coalesce(lease_expires_at, 0) <= ?1 and not (?2 and ",
+            $elsewhere,
+            ")"
+        )
+    };
+}
+
+/// A worker process may have sent a file of the attempt that could not be recorded.
 macro_rules! note_sent_file {
     ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
-        concat!(
-            "insert into removals (path)
-             select substr(id, length(id) - 1) || '/' || id || '.' || attempt || '.' || ?3 from ",
-            $table,
-            " where seq = ?1 and attempt = ?2 and ",
-            $runs,
-            " and ",
-            $elsewhere,
-            " on conflict do nothing"
-        )
+        remove_file!($table, "seq = ?1 and attempt = ?2 and ", $runs, " and ", $elsewhere)
     };
 }
 
