@@ -191,7 +191,7 @@ async fn jobs_can_be_deleted_on_a_full_disk() {
     let client = server.client();
     let mut finished = Vec::new();
     for seed in 0..20 {
-        finished.push(client.succeed(&jobs::equal_spheres(2000, seed)).await);
+        finished.push(client.succeed(&jobs::equal_spheres(4000, seed)).await);
     }
     // A log that was folded in has no room of its own left: restart, so that the deletion has to grow it.
     server.stop().await;

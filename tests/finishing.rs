@@ -131,7 +131,7 @@ async fn a_packing_that_is_checked_is_complete() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    let id = id_of(&client.submit(&jobs::equal_spheres(800_000, 1)).await).to_owned();
+    let id = id_of(&client.submit(&jobs::equal_spheres(400_000, 1)).await).to_owned();
     // A check that is over before it is told of leaves the packing as complete.
     let is_packed = |job: &Value| {
         let phase = job["progress"]["phase"].as_str();
