@@ -1,12 +1,14 @@
 #!/usr/bin/env bash
-# Builds docker/Dockerfile for real and runs what comes out: Debian's buildah builds it without a daemon, on base images made
-# by debootstrap; the binary of the image runs in a chroot of it, as the image's user, and packs a job.
+# Builds docker/Dockerfile and docker/Dockerfile.fem for real and runs what comes out: Debian's buildah builds them
+# without a daemon, on base images made by debootstrap. The binary of the first image runs in a chroot of it, as the
+# image's user, and packs a job; that of the second makes tetrahedra with its Gmsh, whose volume is compared with the
+# specimen's.
 #
 #   docker/test.sh BINARY         the build stage takes this binary, so that only the image is tested (a minute)
 #   docker/test.sh --from-source  the build stage compiles, with this machine's Rust toolchain and crates (many minutes)
 #
 # Needs root, buildah, debootstrap and a Debian mirror; without them it says so and ends with 0.
-# BASE_CACHE=DIR keeps the base system, PROFILE=release builds faster than the default `dist`.
+# BASE_CACHE=DIR keeps the base system and the packages of Gmsh, PROFILE=release builds faster than the default `dist`.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source packaging/debian-base.sh
@@ -37,7 +39,8 @@ image() {
     local container
     container=$(buildah from scratch)
     buildah copy -q "$container" "$2" / >/dev/null
-    buildah config --env PATH=/usr/local/cargo/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "$container"
+    local path=/usr/local/cargo/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
+    buildah config --env "PATH=$path" "$container"
     buildah commit -q "$container" "localhost/$1" >/dev/null
     buildah rm "$container" >/dev/null
 }
@@ -51,7 +54,8 @@ volumes=()
 if [ "$1" = --from-source ]; then
     # The toolchain and the crates of this machine stand in for those of the image `rust`.
     cargo fetch --locked
-    volumes=(--volume "$(rustc --print sysroot):/usr/local/cargo:ro" --volume "${CARGO_HOME:-$HOME/.cargo}/registry:/root/.cargo/registry")
+    registry=${CARGO_HOME:-$HOME/.cargo}/registry
+    volumes=(--volume "$(rustc --print sysroot):/usr/local/cargo:ro" --volume "$registry:/root/.cargo/registry")
     buildah config --env CARGO_NET_OFFLINE=true "$container"
 else
     mkdir -p "$work/prebuilt/prebuilt"
@@ -91,11 +95,12 @@ as_user() { chroot --userspec=10001:10001 "$root" env -i PATH=/usr/local/bin "$@
 as_user packstone --version
 # Without the function, whose process would be a shell that does not pass signals on. Of the disk of a machine that
 # tests, 64 MiB must stay free, not 1 GiB.
-chroot --userspec=10001:10001 "$root" env -i PATH=/usr/local/bin PACKSTONE_LISTEN=127.0.0.1:0 PACKSTONE_DATA_DIR=/data \
-    PACKSTONE_MIN_FREE_BYTES=67108864 packstone serve >"$work/serve.out" 2>"$work/serve.err" &
+chroot --userspec=10001:10001 "$root" env -i PATH=/usr/local/bin PACKSTONE_LISTEN=127.0.0.1:0 \
+    PACKSTONE_DATA_DIR=/data PACKSTONE_MIN_FREE_BYTES=67108864 packstone serve >"$work/serve.out" 2>"$work/serve.err" &
 server=$!
 # The line that names the port; the end of the process ends the wait, too.
-url=$(timeout 60 tail --pid="$server" -n +1 -f "$work/serve.out" | sed -n '/listening on/{s/.*listening on //p;q}' || true)
+url=$(timeout 60 tail --pid="$server" -n +1 -f "$work/serve.out" \
+    | sed -n '/listening on/{s/.*listening on //p;q}' || true)
 [ -n "$url" ] || { cat "$work/serve.err" >&2; exit 1; }
 answer=$(curl --fail-with-body -sS "$url/v1/jobs" -H 'content-type: application/json' -H 'prefer: wait=60' \
     -d @examples/a16-distance.json) || { echo "the service answers: $answer" >&2; cat "$work/serve.err" >&2; exit 1; }
@@ -109,4 +114,59 @@ wait "$server"
 server=
 [ -n "$(find "$root/data" -type f)" ]
 buildah umount "$container" >/dev/null
+buildah rm "$container" >/dev/null
 echo 'docker/test.sh: the image works'
+
+curl -fsSI -o "$work/mirror" "${DEBIAN_MIRROR:-http://deb.debian.org/debian}/dists/bookworm/InRelease" \
+    || skip 'no Debian mirror for the packages of Gmsh: docker/Dockerfile.fem was not built'
+echo 'buildah: docker/Dockerfile.fem'
+# The packages lie beside the base system between runs, and none in the image, as docker-clean of Debian's images has
+# it.
+mkdir -p "$cache/packages/partial"
+buildah build --isolation chroot --pull-never --format docker --layers=false \
+    --volume "$(realpath "$cache/packages"):/var/cache/apt/archives" --file docker/Dockerfile.fem \
+    --build-arg IMAGE=localhost/packstone --tag localhost/packstone-fem docker
+
+echo 'buildah run: tetrahedra by the Gmsh of the image'
+mkdir "$work/fem"
+cat >"$work/fem/job.json" <<'JOB'
+{"seed": 3, "specimen": {"type": "box", "size_mm": [24, 20, 18]},
+ "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "d_min_mm": 4, "volume_fraction": 0.5},
+ "distance": {"type": "constant", "gap_mm": 0.5}}
+JOB
+chown -R 10001:10001 "$work/fem"
+container=$(buildah from --pull-never localhost/packstone-fem)
+# With the user and the variables of the image.
+buildah run --volume "$work/fem:/fem" --workingdir /fem "$container" -- \
+    packstone run job.json --out out --export mesh:elements=tetrahedra,format=inp,segments=8
+[ "$(stat -c %u:%g "$work/fem/out/result.json")" = 10001:10001 ]
+python3 - "$work"/fem/out/result.tetrahedra.*inp <<'CHECK'
+import json, sys
+
+nodes, elements, block = {}, [], ""
+for line in open(sys.argv[1]):
+    if line.startswith("*"):
+        block = line.upper()
+    elif block.startswith("*NODE\n"):
+        number, *point = line.split(",")
+        nodes[int(number)] = [float(x) for x in point]
+    elif block.startswith("*ELEMENT, TYPE=C3D4"):
+        elements.append([int(number) for number in line.split(",")][1:])
+
+
+def volume(element):
+    a, b, c, d = (nodes[number] for number in element)
+    (x, y, z), (p, q, r), (u, v, w) = ([m - n for m, n in zip(corner, a)] for corner in (b, c, d))
+    return (x * (q * w - r * v) + y * (r * u - p * w) + z * (p * v - q * u)) / 6
+
+
+volumes = [volume(element) for element in elements]
+report = json.load(open(sys.argv[1] + ".report.json"))
+found = report["tetrahedra"]
+assert found["mesher"].startswith("Gmsh 4."), found
+assert len(elements) == found["elements"] > 1000, (len(elements), found)
+assert min(volumes) > 0 and abs(sum(volumes) / (24 * 20 * 18) - 1) < 1e-9, (min(volumes), sum(volumes))
+print(f"{len(elements)} tetrahedra by {found['mesher']} fill the box")
+CHECK
+buildah rm "$container" >/dev/null
+echo 'docker/test.sh: the image -fem works'
