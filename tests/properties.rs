@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -169,7 +170,7 @@ async fn a_service_that_was_killed_goes_on_from_the_load_cases_of_its_slot() {
     let data_dir = DataDir::new();
     let start = async || {
         let launch = Launch::new(&data_dir).workers(1).args(&["--checkpoint-every-s", "0"]);
-        launch.env("RUST_LOG", "info").start().await
+        launch.start().await
     };
     let server = start().await;
     let mut job = with_materials();
@@ -195,6 +196,70 @@ async fn a_service_that_was_killed_goes_on_from_the_load_cases_of_its_slot() {
     let again = client.when(&path("/status"), "succeeded", |export| export["state"] == "succeeded").await;
     assert_eq!(again["sha256"], made["sha256"]);
     assert_eq!(made["bytes"], file.len());
+    server.stop().await;
+}
+
+/// A log with a line for each checkpoint that is kept.
+const CHECKPOINTS_IN_LOG: (&str, &str) = ("PACKSTONE_LOG", "info,packstone_server::checkpoints=debug");
+
+/// Load cases that were solved by a process which keeps a checkpoint after each.
+fn solved(log: &str) -> usize {
+    log.lines().filter(|line| line.contains("kept a checkpoint")).count()
+}
+
+/// Load cases of a stiffness: six on the voxels, and six on half as many along each edge.
+const LOAD_CASES: usize = 12;
+
+#[tokio::test]
+async fn a_worker_goes_on_from_the_load_cases_that_one_has_sent_which_was_killed() {
+    let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
+    let launch =
+        Launch::new(&data_dir).workers(0).args(&["--checkpoint-every-s", "0"]).env("PACKSTONE_LEASE_S", "3");
+    let server = launch.env(CHECKPOINTS_IN_LOG.0, CHECKPOINTS_IN_LOG.1).start().await;
+    let client = server.client();
+    let url = format!("http://{}", server.address());
+    let worker = |name: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_packstone"));
+        command.args([
+            "worker",
+            "--server",
+            &url,
+            "--name",
+            name,
+            "--slots",
+            "1",
+            "--checkpoint-every-s",
+            "0",
+        ]);
+        command.args(["--send-checkpoints-every-s", "0.1"]).current_dir(folder.path());
+        command.env(CHECKPOINTS_IN_LOG.0, CHECKPOINTS_IN_LOG.1);
+        Running::of(command)
+    };
+    let first = worker("first");
+    let mut job = with_materials();
+    job["postprocess"] = json!({"type": "properties", "cells": 48, "kinds": "stiffness", "fields": true,
+        "materials": materials(300.0)});
+    let id = id_of(&client.succeed(&job).await).to_owned();
+    let of_export = |name: &String| !name.starts_with(&id) && name.ends_with(".1.checkpoint");
+    eventually("load cases with the server", || data_dir.checkpoints().iter().any(of_export)).await;
+    first.signal(Signal::KILL);
+    first.ended().await;
+    let second = worker("second");
+    let path = |what: &str| format!("/v1/jobs/{id}/exports/properties{what}?{}", hard());
+    let made = client.when(&path("/status"), "succeeded", |export| export["state"] == "succeeded").await;
+    assert_eq!(made["worker"], "second", "{made:#}");
+    second.signal(Signal::TERM);
+    let log = second.ended().await.stderr;
+    assert!(log.contains("going on from a checkpoint"), "{log}");
+    let by_second = solved(&log);
+    assert!((1..LOAD_CASES).contains(&by_second), "it has solved {by_second} load cases: {log}");
+    eventually("the checkpoints to go", || data_dir.checkpoints().is_empty()).await;
+    // The server alone solves all of them, to the same bytes.
+    client.delete(&path("")).send().await.expect(204);
+    client.post(&path("")).send().await.expect(202);
+    let again = client.when(&path("/status"), "succeeded", |export| export["state"] == "succeeded").await;
+    assert_eq!((&again["worker"], &again["sha256"]), (&Value::Null, &made["sha256"]));
+    assert_eq!(solved(&server.log()), LOAD_CASES);
     server.stop().await;
 }
 
