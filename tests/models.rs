@@ -470,20 +470,37 @@ async fn capabilities_and_metrics_tell_of_models() {
                 // Gmsh makes these, where there is one: `tetrahedra` and `plane_models` test them.
                 continue;
             }
+            // A format for one program needs its name, and says so.
+            let programs = format["programs"].as_array().unwrap();
+            assert_eq!(programs.is_empty(), !options.contains(&json!("for")), "{kind} {format:#}");
+            let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}");
+            if format["needs_program"] == true {
+                let problem = client.get(&path).send().await.expect_problem(400, "validation-error");
+                assert!(problem.to_string().contains("must have for="), "{problem:#}");
+            }
+            for program in programs {
+                let fast = if program == "fans" { format!("&materials={materials}") } else { String::new() };
+                let path = format!("{path}&for={}&cells=8{fast}", program.as_str().unwrap());
+                let reply = client.head(&path).send().await;
+                assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
+            }
+            if format["needs_program"] == true {
+                continue;
+            }
             let fast = match kind {
                 "voxels" => "&cells=8".to_owned(),
                 // What needs materials.
                 "properties" | "deck" => format!("&cells=8&materials={materials}"),
                 _ => String::new(),
             };
-            let path = format!("/v1/jobs/{id}/exports/{kind}?format={name}{fast}");
-            let reply = client.head(&path).send().await;
+            let reply = client.head(&format!("{path}{fast}")).send().await;
             assert_eq!(reply.expect(200).header("content-type"), format["media_type"].as_str().unwrap());
         }
     }
-    assert_eq!(seen, 29);
+    assert_eq!(seen, 31);
     let metrics = String::from_utf8(client.get("/metrics").send().await.expect(200).body.to_vec()).unwrap();
-    let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 4";
+    // Four formats alone, and those of four programs.
+    let counted = "packstone_export_duration_seconds_count{type=\"voxels\",outcome=\"succeeded\"} 8";
     assert!(metrics.lines().any(|line| line == counted), "{metrics}");
     assert!(metrics.lines().any(|line| line == "packstone_exports{state=\"failed\"} 0"), "{metrics}");
     server.stop().await;

@@ -80,12 +80,6 @@ const READERS = /** @type {Record<string, string[]>} */ ({
   zip: ["fans"],
 });
 
-/** The formats of voxels that are for one program alone, which the service does not list, with their options. */
-export const FOR_PROGRAMS = [
-  { type: "voxels", format: "vtk", options: ["for", "cells", "voxel_mm", "label", "samples"] },
-  { type: "voxels", format: "zip", options: ["for", "cells", "voxel_mm", "samples", "materials"] },
-];
-
 /** What an export is, by its type. @type {Record<string, string>} */
 export const TYPES = {
   mesh: "Surface mesh",

@@ -2,7 +2,7 @@
 import { absolute } from "./address.js";
 import { get, request as ask, send } from "./api.js";
 import { badge, bytes, h, number, percent, replace, text } from "./dom.js";
-import { fields, FOR_PROGRAMS, FORMATS, TYPES } from "./export-options.js";
+import { fields, FORMATS, TYPES } from "./export-options.js";
 import { announce, confirm, report as problem } from "./shell.js";
 
 /** @type {Record<string, string>} */
@@ -94,7 +94,6 @@ export class ExportPart {
     this.kinds = exports.flatMap((/** @type {any} */ e) =>
       e.formats.map((/** @type {any} */ f) => ({ type: e.type, format: f.name, options: f.options })),
     );
-    this.kinds.push(...FOR_PROGRAMS);
     const fits = this.kinds.filter(
       ({ type, format }) =>
         // Pictures of cuts have a part of the page of their own.

@@ -77,7 +77,7 @@ impl ExportType {
     pub fn formats(self) -> &'static [&'static str] {
         match self {
             Self::Mesh => &mesh::FORMATS,
-            Self::Voxels => &["vti", "raw", "inp", "npy"],
+            Self::Voxels => &["vti", "raw", "inp", "npy", "vtk", "zip"],
             Self::Slice => &["svg", "png", "json", "geo", "msh", "inp", "vtu"],
             Self::Deck => &["zip"],
             Self::Ldpm => &["chrono", "tets", "facets", "cells"],
@@ -87,9 +87,28 @@ impl ExportType {
         }
     }
 
+    /// The programs that the option `for` may name in that format; none where the format has no such option.
+    pub fn programs(self, format: &str) -> Vec<&'static str> {
+        let readers = voxels::Reader::ALL.into_iter().filter(|reader| reader.format().name() == format);
+        readers.filter(|_| self == Self::Voxels).map(voxels::Reader::name).collect()
+    }
+
+    /// The program that `for` must name in that format, where it is written for one program alone.
+    pub fn needed_program(self, format: &str) -> Option<&'static str> {
+        let format = voxels::VoxelFormat::ALL.into_iter().find(|known| known.name() == format)?;
+        format.program().filter(|_| self == Self::Voxels).map(voxels::Reader::name)
+    }
+
+    /// The fewest options that request that format.
+    pub fn options_of_format(self, format: &str) -> Vec<(&'static str, &str)> {
+        let program = self.needed_program(format).map(|program| ("for", program));
+        [("format", format)].into_iter().chain(program).collect()
+    }
+
     /// Names of the options that it has in that format, beside `format` itself.
     pub fn option_names(self, format: &str) -> Vec<&'static str> {
-        let value = Value::Object(Map::from_iter([("format".to_owned(), format.into())]));
+        let options = self.options_of_format(format).into_iter();
+        let value = Value::Object(options.map(|(name, text)| (name.to_owned(), text.into())).collect());
         let faults = Faults::default();
         let mut names = At::root(&value, &faults).object().map_or_else(Vec::new, |mut object| {
             self.read_options(&mut object);

@@ -17,7 +17,7 @@ fn every_type_is_found_by_its_name_and_has_its_formats() {
         assert_eq!(plain.export_type(), kind, "every option has a default");
         assert_eq!(kind.formats()[0], plain.format(), "the first format is the default");
         for format in kind.formats() {
-            let export = ExportRequest::from_text(kind, [("format", *format)]).unwrap();
+            let export = ExportRequest::from_text(kind, kind.options_of_format(format)).unwrap();
             let stored = serde_json::to_value(&export).unwrap();
             assert_eq!((&stored["type"], &stored["format"]), (&json!(kind.name()), &json!(format)));
             assert_eq!(ExportRequest::from_json(&stored).unwrap(), export, "the stored form reads back");
@@ -29,6 +29,36 @@ fn every_type_is_found_by_its_name_and_has_its_formats() {
         assert!(plain.media_type().contains('/') && !plain.file_extension().contains('.'), "{}", kind.name());
     }
     assert_eq!(ExportType::from_name("Slice"), None);
+}
+
+/// Of the formats that any type has, and of others, each type accepts those that it lists; alone, but for those that
+/// are written for one program.
+#[test]
+fn the_formats_and_programs_that_a_type_lists_are_those_that_it_accepts() {
+    let formats: Vec<&str> = ExportType::ALL.iter().flat_map(|kind| kind.formats()).copied().collect();
+    let programs = [None, Some("damask"), Some("amitex"), Some("fans"), Some("automesh"), Some("abaqus")];
+    for kind in ExportType::ALL {
+        for format in formats.iter().copied().chain(["vtp", "vtm", "stp", "hdf5", "Vti", ""]) {
+            let accepted: Vec<Option<&str>> = programs
+                .into_iter()
+                .filter(|program| {
+                    let options = [("format", format)].into_iter().chain(program.map(|name| ("for", name)));
+                    ExportRequest::from_text(kind, options).is_ok()
+                })
+                .collect();
+            let mut listed: Vec<Option<&str>> = Vec::new();
+            if kind.formats().contains(&format) {
+                listed.extend(kind.needed_program(format).is_none().then_some(None));
+                listed.extend(kind.programs(format).into_iter().map(Some));
+            }
+            assert_eq!(accepted, listed, "{} {format:?}", kind.name());
+            let has_programs = kind.option_names(format).contains(&"for");
+            assert_eq!(has_programs, !kind.programs(format).is_empty(), "{} {format:?}", kind.name());
+        }
+    }
+    let needed: Vec<_> = ["vtk", "zip", "vti"].map(|format| ExportType::Voxels.needed_program(format)).into();
+    assert_eq!(needed, [Some("amitex"), Some("fans"), None]);
+    assert_eq!(ExportType::Deck.needed_program("zip"), None);
 }
 
 #[test]

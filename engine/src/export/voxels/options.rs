@@ -68,6 +68,15 @@ impl VoxelFormat {
             Self::Zip => "application/zip",
         }
     }
+
+    /// The program that the format is written for, where it is for one alone.
+    pub fn program(self) -> Option<Reader> {
+        match self {
+            Self::Vti | Self::Raw | Self::Inp | Self::Npy => None,
+            Self::Vtk => Some(Reader::Amitex),
+            Self::Zip => Some(Reader::Fans),
+        }
+    }
 }
 
 /// A program that reads the voxels as they are. It decides the format, names, types, units and numbers of the file.
@@ -202,11 +211,8 @@ fn format_fault(format: VoxelFormat, reader: Option<Reader>) -> Option<String> {
         let reader = reader.map_or("", Reader::name);
         return Some(format!("{reader} reads {}: must be that, or left out", wanted.name()));
     }
-    let only = Reader::ALL.into_iter().find(|of| of.format() == format)?;
-    let needs = matches!(format, VoxelFormat::Vtk | VoxelFormat::Zip) && reader.is_none();
-    needs.then(|| {
-        format!("{} is written for a program: must have for={} beside it", format.name(), only.name())
-    })
+    let needed = format.program().filter(|_| reader.is_none())?;
+    Some(format!("{} is written for a program: must have for={} beside it", format.name(), needed.name()))
 }
 
 /// The options that the format has, so that what is written reads back.

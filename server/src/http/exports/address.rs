@@ -280,7 +280,9 @@ mod tests {
         }
         for kind in ExportType::ALL {
             for format in kind.formats() {
-                let export = read(kind, &format!("format={format}"));
+                let options = kind.options_of_format(format).into_iter();
+                let given: Vec<String> = options.map(|(name, value)| format!("{name}={value}")).collect();
+                let export = read(kind, &given.join("&"));
                 let found = query(kind, &serde_json::to_value(&export).unwrap());
                 assert_eq!(read(kind, &found[1..]), export, "{found}");
             }

@@ -121,6 +121,10 @@ pub(crate) struct ExportFormatInfo {
     media_type: &'static str,
     /// Names of its options; their meaning and bounds are those of the schema `ExportRequest`.
     options: Vec<&'static str>,
+    /// Programs that the option `for` may name; empty where the format has no such option.
+    programs: Vec<&'static str>,
+    /// Whether `for` must name one: the format is written for that program alone.
+    needs_program: bool,
 }
 
 impl ExportInfo {
@@ -129,6 +133,8 @@ impl ExportInfo {
             name,
             media_type: media_type(kind, name),
             options: kind.option_names(name),
+            programs: kind.programs(name),
+            needs_program: kind.needed_program(name).is_some(),
         };
         Self { r#type: kind, formats: kind.formats().iter().map(|name| format(name)).collect() }
     }
