@@ -1,8 +1,8 @@
 """Runs the commands of the tutorials and recipes as they stand there: python run_tutorials.py BINARY [PAGE...]
 
 Every block fenced as `sh` of a page in docs/tutorial or docs/recipes, in one shell, in this order, in a folder with the
-files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need CalculiX are
-skipped where it is missing.
+files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need CalculiX or Gmsh
+are skipped where it is missing.
 """
 
 import os
@@ -18,9 +18,11 @@ DOCS = Path(__file__).resolve().parents[1]
 # In their order in the site; a later one may use the file of an earlier one.
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
-    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "damask", "abaqus")),
+    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "damask", "abaqus")),
 ]
-NEED_CALCULIX = {"tutorial/calculix"}
+# The programs that pages need beside Packstone.
+NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"]}
+PATH = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 LONGEST_S = 900
 
 
@@ -50,8 +52,7 @@ def run(name: str, binary: Path) -> bool:
         (bin_folder / "packstone").symlink_to(binary)
         script = "set -euo pipefail\ntrap 'running=$(jobs -p); [ -z \"$running\" ] || kill $running; wait' EXIT\n"
         script += commands(page).replace("localhost:8080", f"localhost:{port}")
-        environment = {**os.environ, "PATH": f"{bin_folder}:{Path(sys.executable).parent}:{os.environ['PATH']}",
-                       "PACKSTONE_LISTEN": f"127.0.0.1:{port}"}
+        environment = {**os.environ, "PATH": f"{bin_folder}:{PATH}", "PACKSTONE_LISTEN": f"127.0.0.1:{port}"}
         ended = subprocess.run(["bash", "-c", script], cwd=folder, env=environment, check=False, text=True,
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=LONGEST_S)
     if ended.returncode != 0:
@@ -67,8 +68,8 @@ def main() -> None:
         if different:
             print(f"{name}.md shows {', '.join(different)} otherwise than the file is", file=sys.stderr)
             failed.append(name)
-        elif name in NEED_CALCULIX and not shutil.which("ccx"):
-            print(f"SKIPPED {name}: no ccx", file=sys.stderr)
+        elif missing := [program for program in NEEDS.get(name, []) if not shutil.which(program, path=PATH)]:
+            print(f"SKIPPED {name}: no {', '.join(missing)}", file=sys.stderr)
         elif run(name, binary):
             print(f"{name}: its commands work")
         else:
