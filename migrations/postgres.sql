@@ -372,6 +372,8 @@ create table exports (
     quick            boolean          not null,
     -- Takes as long as a packing, and the request of the job asked for it: made in the slots of packings.
     heavy            boolean          not null default false,
+    -- Needs Gmsh, which not every process has.
+    needs_mesher     boolean          not null default false,
     -- 0 where a client requested it, 1 where the request of the job did: no client waits for that.
     rank             bigint           not null,
     state            text collate "C" not null check (state in ('queued', 'running', 'succeeded', 'failed')),

@@ -402,6 +402,8 @@ create table exports (
     quick            integer not null,
     -- Takes as long as a packing, and the request of the job asked for it: made in the slots of packings.
     heavy            integer not null default 0,
+    -- Needs Gmsh, which not every process has.
+    needs_mesher     integer not null default 0,
     -- 0 where a client requested it, 1 where the request of the job did: no client waits for that.
     rank             integer not null,
     state            text    not null check (state in ('queued', 'running', 'succeeded', 'failed')),
@@ -442,10 +444,10 @@ create table exports (
     -- has changed is found where the row is read.
     row_text text generated always as (case when finished_at is not null then
         format(
-            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
-            id, job, key, type, options, kept, quick, heavy, rank, state, attempt, version, progress, path, bytes,
-            sha256, report, error, created_at, started_at, finished_at, updated_at, used_at, not_before, faults, owner,
-            lease_expires_at, max_attempts, worker, worker_key, claim
+            '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            id, job, key, type, options, kept, quick, heavy, needs_mesher, rank, state, attempt, version, progress,
+            path, bytes, sha256, report, error, created_at, started_at, finished_at, updated_at, used_at, not_before,
+            faults, owner, lease_expires_at, max_attempts, worker, worker_key, claim
         )
     end) virtual,
     row_copy text generated always as (row_text) stored,

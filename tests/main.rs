@@ -90,5 +90,6 @@ mod web_pages;
 mod webhooks;
 mod worker_crashes;
 mod worker_faults;
+mod worker_gmsh;
 mod worker_results;
 mod workers;

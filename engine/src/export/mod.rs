@@ -12,6 +12,7 @@ mod groups;
 pub mod ldpm;
 mod materials;
 pub mod mesh;
+mod mesh_check;
 mod mesher;
 mod npy;
 pub mod picture;

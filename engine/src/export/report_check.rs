@@ -5,6 +5,7 @@
 
 use nalgebra::Matrix6;
 
+use super::mesh_check::{check_deck, check_mesh, check_slice};
 use super::properties::{PropertyReport, of_material};
 use super::voxels::{self, VoxelFormat, VoxelGrid, VoxelOptions, VoxelReport};
 use super::{ExportReport, ExportRequest};
@@ -25,20 +26,15 @@ const HEAVY_VOXEL_BYTES: u64 = 100_000_000;
 
 impl ExportRequest {
     /// Whether it may take as long as a packing: then a service makes it, where the request of a job asks for it, in
-    /// the slots of packings instead of beside them.
+    /// the slots of packings instead of beside them. All that needs [`Model::mesher`](super::Model::mesher) is.
     pub fn is_heavy(&self, specimen: &Specimen) -> bool {
         match self {
             Self::Voxels(options) => {
                 voxels::expected_bytes(specimen, options, &voxels::Interfaces::MOST) >= HEAVY_VOXEL_BYTES
             }
-            Self::Properties(_) => true,
-            Self::Mesh(_)
-            | Self::Slice(_)
-            | Self::Deck(_)
-            | Self::Ldpm(_)
-            | Self::Certificates(_)
-            | Self::Shapes(_)
-            | Self::Quality(_) => false,
+            Self::Properties(_) | Self::Deck(_) => true,
+            Self::Mesh(_) | Self::Slice(_) => self.needs_mesher(),
+            Self::Ldpm(_) | Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => false,
         }
     }
 
@@ -72,14 +68,22 @@ impl ExportRequest {
                 }
                 _ => Ok(()),
             },
+            Self::Mesh(mesh) => match report {
+                ExportReport::Mesh(report) => check_mesh(specimen, mesh, volume_fraction, report),
+                _ => Ok(()),
+            },
+            Self::Deck(options) => match report {
+                ExportReport::Deck(report) => {
+                    check_deck(specimen, options, volume_fraction, materials, report)
+                }
+                _ => Ok(()),
+            },
+            Self::Slice(_) => match report {
+                ExportReport::Slice(report) => check_slice(report),
+                _ => Ok(()),
+            },
             // Made by the server itself.
-            Self::Mesh(_)
-            | Self::Slice(_)
-            | Self::Deck(_)
-            | Self::Ldpm(_)
-            | Self::Certificates(_)
-            | Self::Shapes(_)
-            | Self::Quality(_) => Ok(()),
+            Self::Ldpm(_) | Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => Ok(()),
         }
     }
 }

@@ -20,6 +20,7 @@ use crate::checkpoints::Checkpoints;
 use crate::config::{DEFAULT_CHECKPOINT_EVERY_S, seconds_or_none};
 use crate::disk::{Disk, Shortage};
 use crate::exports::making::Exports;
+use crate::gmsh::{self, GmshOptions};
 use crate::memory;
 use crate::metrics::Metrics;
 use crate::service::{StartError, lock};
@@ -59,8 +60,8 @@ pub(super) struct Options {
     /// Name by which the server shows this worker [default: process, host and job of Slurm]
     #[arg(long, env = "PACKSTONE_WORKER_NAME", value_parser = name)]
     name: Option<String>,
-    /// Folder for checkpoints and for results until they are sent; this worker's alone, emptied at its start [default:
-    /// one in the folder for temporary files]
+    /// Folder for checkpoints, for results until they are sent, and for the files of Gmsh; this worker's alone, emptied
+    /// at its start [default: one in the folder for temporary files]
     #[arg(long, env = "PACKSTONE_SCRATCH", value_name = "FOLDER")]
     scratch: Option<PathBuf>,
     /// When this worker must have ended: a time as 2026-11-22T20:00:00Z, a duration from now as 8h or 90m, or `auto`
@@ -77,6 +78,8 @@ pub(super) struct Options {
     /// machine dies
     #[arg(long, env = "PACKSTONE_SEND_CHECKPOINTS_EVERY_S", default_value_t = SEND_CHECKPOINTS_EVERY_S, value_parser = seconds_or_none)]
     send_checkpoints_every_s: f64,
+    #[command(flatten)]
+    gmsh: GmshOptions,
     /// Form of the log lines on standard error
     #[arg(long, env = "PACKSTONE_LOG_FORMAT", value_enum, default_value_t)]
     log_format: LogFormat,
@@ -110,11 +113,18 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         }
         error => error.into(),
     })?;
+    let of_gmsh = scratch.join("gmsh");
+    remove_left_over(&of_gmsh)?;
+    std::fs::create_dir_all(&of_gmsh).map_err(|error| cannot_be("made", &of_gmsh, &error))?;
+    gmsh::set(options.gmsh.clone());
+    gmsh::set_folder(of_gmsh);
+    let mesher = gmsh::version();
     let bits = probe::bits()?;
     let send_checkpoints_every = Duration::from_secs_f64(options.send_checkpoints_every_s.max(0.1));
     let worker = WorkerOptions {
         name,
         bits,
+        mesher,
         send_checkpoints_every,
         until,
         idle: options.idle_exit_s.map(Duration::from_secs_f64),
@@ -134,18 +144,14 @@ async fn work(
     let made = |error: std::io::Error| cannot_be("made", scratch, &error);
     let (results, checkpoints) = (scratch.join("artifacts"), scratch.join("checkpoints"));
     for left_over in [&results, &checkpoints] {
-        match std::fs::remove_dir_all(left_over) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(cannot_be("removed", left_over, &error));
-            }
-            _ => {}
-        }
+        remove_left_over(left_over)?;
     }
     let artifacts = Artifacts::scratch(scratch).map_err(made)?;
     let checkpoints = Checkpoints::open(checkpoints, checkpoint_every).map_err(made)?;
     let shutdown = CancellationToken::new();
     stop_on_signals(shutdown.clone())?;
-    tracing::info!(name = options.name, slots, scratch = %scratch.display(), "working");
+    let mesher = options.mesher.as_deref().unwrap_or("none");
+    tracing::info!(name = options.name, slots, scratch = %scratch.display(), mesher, "working");
     let until = options.until;
     let disk = Disk::new(scratch.to_owned(), None, Shortage::default());
     let there = There::new(server, options, artifacts.clone(), checkpoints.clone(), disk.clone());
@@ -195,6 +201,16 @@ async fn work(
     }
     tracing::info!("ended");
     Ok(())
+}
+
+/// Removes a folder that an earlier worker has left.
+fn remove_left_over(folder: &Path) -> Result<(), Failure> {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(cannot_be("removed", folder, &error))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The cores that this process may use.

@@ -31,7 +31,7 @@ use crate::tasks;
 use crate::workers::control::RunControl;
 use crate::workers::ending::{Cause, NotMade, Told};
 use crate::workers::heard::Heard;
-use crate::workers::here::Here;
+use crate::workers::here::{Here, has_gmsh};
 use crate::workers::packing::{self, Source};
 use crate::workers::task::{Claimed, Computing, Ended, Following, LeaseError, TaskKind, TaskSource, Terms};
 
@@ -100,8 +100,10 @@ impl TaskSource for Exports {
             return Ok(None);
         };
         let mut claimed = store.claim_export(self.queue).await?;
-        if claimed.is_none() && self.makes_heavy(store).await? {
-            claimed = store.claim_export(ExportQueue::Heavy).await?;
+        if claimed.is_none()
+            && let Some(queue) = self.left_by_workers(store).await?
+        {
+            claimed = store.claim_export(queue).await?;
         }
         let Some(claimed) = claimed else {
             tokio::select! {
@@ -289,15 +291,27 @@ impl Exports {
         Self { source, artifacts, checkpoints, disk, metrics, cache_bytes, queue, heard, since }
     }
 
-    /// Whether this server makes the exports that are meant for slots: it has none, and no worker process was heard for
-    /// the time of a lease.
-    async fn makes_heavy(&self, store: &Store) -> Result<bool, LeaseError> {
+    /// Which of the exports that are meant for slots this server makes, where it has none: all that it can once no
+    /// worker process was heard for the time of a lease, and what needs Gmsh where none of those that were heard may
+    /// make it.
+    async fn left_by_workers(&self, store: &Store) -> Result<Option<ExportQueue>, LeaseError> {
         let Some(heard) = self.heard.as_ref().filter(|_| self.since.elapsed() >= store.lease()) else {
-            return Ok(false);
+            return Ok(None);
         };
-        Ok(store.has_claimable_export(ExportQueue::Heavy).await?
-            && heard.within(store.lease()).is_empty()
-            && !store.processes().await?.iter().any(|process| process.is_heard))
+        if !store.has_claimable_export(ExportQueue::Heavy).await? {
+            return Ok(None);
+        }
+        let processes = heard.within(store.lease());
+        let is_alone =
+            processes.is_empty() && !store.processes().await?.iter().any(|process| process.is_heard);
+        let of_gmsh = store.has_claimable_export(ExportQueue::HeavyMeshed).await?;
+        let makes_them = of_gmsh && !processes.values().any(|can_mesh| *can_mesh) && has_gmsh().await;
+        Ok(match (is_alone, of_gmsh, makes_them) {
+            (true, true, false) => Some(ExportQueue::HeavyUnmeshed),
+            (true, _, _) => Some(ExportQueue::Heavy),
+            (false, _, true) => Some(ExportQueue::HeavyMeshed),
+            (false, _, false) => None,
+        })
     }
 
     async fn shrink_cache(&self, here: &Here, made: ExportLease) {

@@ -153,6 +153,8 @@ pub(crate) struct NewExport {
     pub(crate) quick: bool,
     /// Takes as long as a packing and is made in the slots of packings.
     pub(crate) heavy: bool,
+    /// Needs Gmsh.
+    pub(crate) needs_mesher: bool,
 }
 
 impl NewExport {
@@ -166,8 +168,8 @@ impl NewExport {
             parts.push_str(&mesher);
         }
         let key = hex::sha256(parts.as_bytes());
-        let kind = export.export_type();
-        Self { key, kind, options, quick: export.is_quick(), heavy: false }
+        let (kind, needs_mesher) = (export.export_type(), export.needs_mesher());
+        Self { key, kind, options, quick: export.is_quick(), heavy: false, needs_mesher }
     }
 
     /// The same of a job that asks for it in its request, and packs such a specimen. What takes long is made in the

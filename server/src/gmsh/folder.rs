@@ -8,14 +8,15 @@ use std::path::{Path, PathBuf};
 use packstone_engine::export::{ExportError, MesherFiles};
 use uuid::Uuid;
 
-use super::FILLED;
+use super::{FILLED, FOLDER};
 
-/// A folder in the system's folder for temporary files (`TMPDIR`).
+/// A folder in that of the process for such files, else in the system's folder for temporary files (`TMPDIR`).
 pub(super) struct Folder(PathBuf);
 
 impl Folder {
     pub(super) fn new() -> io::Result<Self> {
-        let path = std::env::temp_dir().join(format!("packstone-gmsh-{}", Uuid::now_v7().simple()));
+        let parent = FOLDER.get().cloned().unwrap_or_else(std::env::temp_dir);
+        let path = parent.join(format!("packstone-gmsh-{}", Uuid::now_v7().simple()));
         DirBuilder::new().mode(0o700).create(&path)?;
         Ok(Self(path))
     }

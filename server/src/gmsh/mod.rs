@@ -13,8 +13,9 @@ mod tests;
 
 use std::io::{BufWriter, Write as _};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use packstone_engine::Control;
@@ -33,6 +34,8 @@ const DEFAULT_TIMEOUT_S: f64 = 3600.0;
 const MEMORY_SHARE: f64 = 0.8;
 /// Memory of a run where that of the machine is unknown.
 const DEFAULT_MEMORY_BYTES: u64 = 8 << 30;
+/// Time between two looks for a Gmsh where there was none.
+const LOOK_AGAIN_AFTER: Duration = Duration::from_mins(1);
 /// Name of the file of elements without its ending.
 const FILLED: &str = "filled";
 /// Name of the script.
@@ -66,9 +69,23 @@ static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
 /// The program that was found, with its version.
 static FOUND: Mutex<Option<(Program, String)>> = Mutex::new(None);
 
+/// When [`version`] has found none.
+static MISSED: Mutex<Option<Instant>> = Mutex::new(None);
+
+/// Whether a worker process of this server has stated that it has Gmsh.
+static ELSEWHERE: AtomicBool = AtomicBool::new(false);
+
+/// The folder for the files of runs, in place of that of the system.
+static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+
 /// Sets the options of the process, once.
 pub(crate) fn set(options: GmshOptions) {
     let _ = OPTIONS.set(options);
+}
+
+/// Sets the folder for the files of runs, once.
+pub(crate) fn set_folder(folder: PathBuf) {
+    let _ = FOLDER.set(folder);
 }
 
 /// Names the Python that the process runs in: its module `gmsh` comes first where nothing else is named.
@@ -107,6 +124,31 @@ impl GmshOptions {
 /// [`ExportError::Unavailable`]: how to install it.
 pub(crate) fn check(export: &ExportRequest) -> Result<(), ExportError> {
     if export.needs_mesher() { Installed.version().map(|_| ()) } else { Ok(()) }
+}
+
+/// The same of an export that the request of a job names: a worker process that has Gmsh makes it as well.
+///
+/// # Errors
+/// [`ExportError::Unavailable`]: how to install it.
+pub(crate) fn check_of_job(export: &ExportRequest) -> Result<(), ExportError> {
+    if ELSEWHERE.load(Ordering::Acquire) { Ok(()) } else { check(export) }
+}
+
+/// Says that a worker process of this server has Gmsh.
+pub(crate) fn is_elsewhere() {
+    ELSEWHERE.store(true, Ordering::Release);
+}
+
+/// The version of this machine's Gmsh, as reports have it; `None` where there is none. One that is installed later is
+/// found a minute after a look at the latest. Starts a program: blocks the thread.
+pub(crate) fn version() -> Option<String> {
+    let missed = || MISSED.lock().unwrap_or_else(PoisonError::into_inner);
+    if missed().is_some_and(|at| at.elapsed() < LOOK_AGAIN_AFTER) {
+        return None;
+    }
+    let found = Installed.version().ok();
+    *missed() = found.is_none().then(Instant::now);
+    found
 }
 
 /// What decides the bytes of an export beside the packing, its options and this program: the version of Gmsh.

@@ -199,7 +199,7 @@ impl JobRequest {
             let checked = export
                 .check(&self.specimen, limits)
                 .and_then(|()| export.check_materials(&packing))
-                .and_then(|()| gmsh::check(export));
+                .and_then(|()| gmsh::check_of_job(export));
             checked.map_err(|error| Failure::from(error).below(&place))?;
         }
         Ok(())

@@ -126,7 +126,9 @@ pub(crate) fn of_export(failure: Failure, faults: i64) -> Result<Claim, FieldErr
         FailureCode::ValidationError
         | FailureCode::TooLarge
         | FailureCode::FormatNotAvailable
-        | FailureCode::InsufficientStorage => Ok(Claim::Accepted(kept)),
+        | FailureCode::InsufficientStorage
+        // Gmsh failed, or met its limit of time or memory.
+        | FailureCode::MachineFault => Ok(Claim::Accepted(kept)),
         FailureCode::OutOfMemory if faults >= MEMORY_FAULTS => Ok(Claim::Accepted(kept)),
         FailureCode::CheckFailed | FailureCode::InternalError => Ok(Claim::Suspected(kept)),
         FailureCode::OutOfMemory
@@ -136,8 +138,7 @@ pub(crate) fn of_export(failure: Failure, faults: i64) -> Result<Claim, FieldErr
         | FailureCode::TimedOut
         | FailureCode::MalformedJson
         | FailureCode::AttemptsExhausted
-        | FailureCode::ResultDamaged
-        | FailureCode::MachineFault => {
+        | FailureCode::ResultDamaged => {
             let detail = format!("{:?} is not the end of an export", code.name());
             Err(FieldError::new("/failure/code", detail))
         }
@@ -254,6 +255,7 @@ mod tests {
                     | FailureCode::TooLarge
                     | FailureCode::FormatNotAvailable
                     | FailureCode::InsufficientStorage
+                    | FailureCode::MachineFault
             );
             let is_suspected = matches!(code, FailureCode::CheckFailed | FailureCode::InternalError);
             assert_eq!(matches!(found, Ok(Claim::Accepted(_))), is_final, "{code:?}: {found:?}");

@@ -99,6 +99,10 @@ pub(crate) struct LeaseRequest {
     #[cfg_attr(test, schema(value_type = Option<f64>, minimum = 0, maximum = 1_000_000_000, required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) remaining_s: Option<f64>,
+    /// The program that makes meshes on its machine, with its version, as `Gmsh 4.15.2`; absent where there is none.
+    #[cfg_attr(test, schema(value_type = Option<String>, min_length = 1, max_length = 100, required = false))]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) mesher: Option<String>,
     /// Version and commit of the process.
     pub(crate) build: String,
     /// SHA-256 of two packings that every build packs alike, in hexadecimal.
@@ -110,6 +114,9 @@ impl Checked for LeaseRequest {
         let mut faults = Vec::new();
         bounded(&mut faults, "/claim", &self.claim, MAX_CLAIM_CHARS);
         line(&mut faults, "/worker", &self.worker, MAX_NAME_CHARS);
+        if let Some(mesher) = &self.mesher {
+            line(&mut faults, "/mesher", mesher, MAX_NAME_CHARS);
+        }
         if self.slots > MAX_SLOTS {
             let detail = format!("{} is out of range: must be from 0 to {MAX_SLOTS}", self.slots);
             faults.push(FieldError::new("/slots", detail));

@@ -1,6 +1,6 @@
 //! Which processes ask for jobs. One that waits for a job holds no lease, so that the store does not know it.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -19,25 +19,29 @@ struct Process {
     asking: usize,
     /// When the last answer was given.
     at: Instant,
+    /// Whether it makes exports that need Gmsh.
+    can_mesh: bool,
 }
 
 impl Heard {
-    /// A request of a process, until what is returned is dropped. Processes that were not heard within `lease` are
-    /// forgotten, so that there are never many.
-    pub(crate) fn asking(&self, name: ProcessName, lease: Duration) -> Asking {
+    /// A request of a process, which makes exports that need Gmsh or does not, until what is returned is dropped.
+    /// Processes that were not heard within `lease` are forgotten, so that there are never many.
+    pub(crate) fn asking(&self, name: ProcessName, can_mesh: bool, lease: Duration) -> Asking {
         let mut processes = self.lock();
         processes.retain(|_, process| process.asking > 0 || process.at.elapsed() < lease);
-        let process = processes.entry(name.clone()).or_insert(Process { asking: 0, at: Instant::now() });
+        let new = Process { asking: 0, at: Instant::now(), can_mesh };
+        let process = processes.entry(name.clone()).or_insert(new);
         process.asking += 1;
+        process.can_mesh = can_mesh;
         Asking { heard: self.clone(), name }
     }
 
-    /// The processes that were heard within `lease`.
-    pub(crate) fn within(&self, lease: Duration) -> BTreeSet<ProcessName> {
+    /// The processes that were heard within `lease`, and whether each makes exports that need Gmsh.
+    pub(crate) fn within(&self, lease: Duration) -> BTreeMap<ProcessName, bool> {
         let processes = self.lock();
         let heard =
             processes.iter().filter(|(_, process)| process.asking > 0 || process.at.elapsed() < lease);
-        heard.map(|(name, _)| name.clone()).collect()
+        heard.map(|(name, process)| (name.clone(), process.can_mesh)).collect()
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<ProcessName, Process>> {
@@ -72,17 +76,21 @@ mod tests {
     #[test]
     fn a_process_is_heard_while_it_asks_and_for_a_lease_after() {
         let (heard, none, hour) = (Heard::default(), Duration::ZERO, Duration::from_hours(1));
-        let first = heard.asking(name("a"), hour);
-        let again = heard.asking(name("a"), hour);
-        let other = heard.asking(name("b"), hour);
+        let first = heard.asking(name("a"), false, hour);
+        let again = heard.asking(name("a"), false, hour);
+        let other = heard.asking(name("b"), true, hour);
         assert_eq!(heard.within(none).len(), 2);
         drop((first, other));
-        assert_eq!(heard.within(none), BTreeSet::from([name("a")]), "its second request is not answered yet");
+        assert_eq!(
+            heard.within(none),
+            BTreeMap::from([(name("a"), false)]),
+            "its second request is not answered yet"
+        );
         drop(again);
-        assert_eq!(heard.within(none), BTreeSet::new());
-        assert_eq!(heard.within(hour), BTreeSet::from([name("a"), name("b")]));
-        let next = heard.asking(name("c"), none);
-        assert_eq!(heard.within(hour), BTreeSet::from([name("c")]), "the others are forgotten");
+        assert_eq!(heard.within(none), BTreeMap::new());
+        assert_eq!(heard.within(hour), BTreeMap::from([(name("a"), false), (name("b"), true)]));
+        let next = heard.asking(name("c"), false, none);
+        assert_eq!(heard.within(hour), BTreeMap::from([(name("c"), false)]), "the others are forgotten");
         drop(next);
     }
 }

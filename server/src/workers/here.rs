@@ -10,9 +10,11 @@ use super::packing::{Stored, Work, complete};
 use super::slots::{Held, Slots, threads_of};
 use super::task::LeaseError;
 use crate::exports::making;
+use crate::gmsh;
 use crate::jobs::store::{Store, WakeUp, WorkUntil};
 use crate::jobs::{Lease, WaitReason};
 use crate::storage::{Bound, Storage};
+use crate::tasks;
 
 /// Most threads of an export without `threads`: as many as a packing may have.
 const MOST_THREADS: u32 = 64;
@@ -30,6 +32,11 @@ pub(crate) struct Here {
 /// Longest time of a run, in s: that of the request, or that of the server where this is shorter.
 pub(crate) fn run_limit_s(timeout_s: Option<f64>, max_run_s: Option<f64>) -> Option<f64> {
     timeout_s.into_iter().chain(max_run_s).min_by(f64::total_cmp)
+}
+
+/// Whether this machine has Gmsh.
+pub(crate) async fn has_gmsh() -> bool {
+    tasks::blocking(|| gmsh::version().is_some()).await.unwrap_or(false)
 }
 
 impl Here {
@@ -53,7 +60,7 @@ impl Here {
                 }
             };
             let mark = self.store.queue_mark();
-            let claimed = match self.store.claim_heavy_export().await? {
+            let claimed = match self.store.claim_heavy_export(has_gmsh()).await? {
                 Some(export) => Some(OneOf::Export(export)),
                 None => self.store.claim().await?.map(OneOf::Packing),
             };

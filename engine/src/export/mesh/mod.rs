@@ -136,7 +136,7 @@ impl MeshRequest {
     }
 
     /// The options of its surfaces, where they are triangles.
-    fn surfaces(&self) -> Option<&SurfaceOptions> {
+    pub(in crate::export) fn surfaces(&self) -> Option<&SurfaceOptions> {
         match self {
             Self::Msh(options) | Self::Inp(options) | Self::Vtu(options) | Self::Med(options) => {
                 Some(&options.surfaces)
@@ -265,6 +265,18 @@ impl MeshRequest {
 }
 
 impl MeshReport {
+    /// The figures of the surfaces and of what fills them; none of a script.
+    pub(in crate::export) fn surfaces(&self) -> Option<&SurfaceReport> {
+        match self {
+            Self::Msh(report)
+            | Self::Stl(report)
+            | Self::Inp(report)
+            | Self::Vtu(report)
+            | Self::Med(report) => Some(report),
+            Self::Geo(_) => None,
+        }
+    }
+
     /// What is missing of the mesh, in words.
     pub fn warnings(&self) -> &[String] {
         match self {

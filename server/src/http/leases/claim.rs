@@ -14,6 +14,7 @@ use tokio::time::{Instant, sleep_until};
 
 use super::read;
 use crate::accounts::Caller;
+use crate::gmsh;
 use crate::http::app::{App, SMALL_BODY_BYTES};
 use crate::http::body::JsonBody;
 use crate::http::conditional::Wait;
@@ -35,7 +36,8 @@ const MAX_BODY_BYTES: u64 = 16 << 10;
 ///
 /// For `packstone worker` of the same build, with a key of the role `worker`. With `Prefer: wait=N` the answer is held
 /// back until a job waits, or an export that takes as long and that the request of a job asked for: of these one at a
-/// time is leased, before jobs, first of all one of a job that the process has packed. A lease ends by its result, by
+/// time is leased, before jobs, first of all one of a job that the process has packed, and one that needs Gmsh where
+/// the process states the same `mesher` as the server has, or the server has none. A lease ends by its result, by
 /// `/end`, or when it was not renewed for `lease_s`. With no
 /// `slots` the answer has only jobs that an earlier request of the same `claim` has leased, whose answer was not read,
 /// and is not held back.
@@ -60,15 +62,16 @@ pub(crate) async fn lease(
     // The answer may be held back.
     drop(body);
     check_build(&app, &request).await?;
+    let can_mesh = can_mesh(request.mesher.as_deref()).await;
     let name = (caller.by.key.clone(), request.worker.clone());
-    let _asking = app.shared.heard.asking(name, app.shared.store.lease());
+    let _asking = app.shared.heard.asking(name, can_mesh, app.shared.store.lease());
     let asked = Instant::now();
     let remaining = request.remaining_s.map(Duration::from_secs_f64);
     let (worker, id, slots) = (request.worker, request.claim, request.slots);
     let claim = || {
         let remaining = remaining.map(|remaining| remaining.saturating_sub(asked.elapsed()));
         let (worker, id) = (worker.clone(), id.clone());
-        Claim { worker, key: caller.by.key.clone(), id, slots, remaining }
+        Claim { worker, key: caller.by.key.clone(), id, slots, remaining, can_mesh }
     };
     let wait = Wait::of(&headers);
     let until = asked + wait.map(Wait::duration).unwrap_or_default();
@@ -124,6 +127,15 @@ async fn check_build(app: &App, request: &LeaseRequest) -> Result<(), Problem> {
         return refused(format!("the worker packs other bits ({found:?}) than the server ({bits:?})"));
     }
     Ok(())
+}
+
+/// Whether a worker with that Gmsh makes exports that need it: where this server has the same, whose version decides
+/// the key of an export, or none.
+async fn can_mesh(of_worker: Option<&str>) -> bool {
+    let Some(of_worker) = of_worker else { return false };
+    gmsh::is_elsewhere();
+    let own = tasks::blocking(gmsh::version).await.unwrap_or_default();
+    own.is_none_or(|own| own == of_worker)
 }
 
 /// Jobs, or an export, that are leased to a worker which has not got the answer. Dropped, they return to the queue at
@@ -293,7 +305,7 @@ mod tests {
         };
         let Submitted::Created(job) = store.submit(new).await.unwrap() else { panic!("a job without a key") };
         let (worker, key, id) = ("w".to_owned(), String::new(), "c".to_owned());
-        let claim = Claim { worker, key, id, slots: 1, remaining: None };
+        let claim = Claim { worker, key, id, slots: 1, remaining: None, can_mesh: false };
         let claimed = store.claim_for(claim).await.unwrap();
         assert_eq!(claimed[0].job.id, job.id);
         (store.clone(), job.id, Unanswered { store, claimed, export: None })

@@ -1,6 +1,6 @@
 //! What the service says about itself: what it can do, how it is, what it counted, its interface.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
@@ -390,7 +390,7 @@ pub(crate) async fn metrics(State(app): State<App>) -> Result<Response, Problem>
     }
     let faulty = shared.store.faulty_workers().await?;
     let running = shared.store.processes().await?;
-    let mut heard = shared.heard.within(shared.store.lease());
+    let mut heard: BTreeSet<_> = shared.heard.within(shared.store.lease()).into_keys().collect();
     heard
         .extend(running.iter().filter(|process| process.is_heard).map(|p| (p.key.clone(), p.worker.clone())));
     let gauges = Gauges {

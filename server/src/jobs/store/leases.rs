@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::checked::{MOST_WRONG_RESULTS, wrong_results_of};
 use super::claims::{Claimed, Lessee};
 use super::db::{Durability, Row, Transaction, query};
-use super::exports::renew_export;
+use super::exports::{ExportQueue, renew_export};
 use super::submit::to_json;
 use super::{Store, StoreError, micros, rows};
 use crate::exports::ExportLease;
@@ -30,6 +30,15 @@ pub(crate) struct Claim {
     /// Time that it has left, where that is limited. It gets no job whose work would be lost with the process: see
     /// [`forecasts`](super::forecasts).
     pub(crate) remaining: Option<Duration>,
+    /// Whether it makes exports that need Gmsh.
+    pub(crate) can_mesh: bool,
+}
+
+impl Claim {
+    /// The exports that it may make.
+    pub(super) fn exports(&self) -> ExportQueue {
+        if self.can_mesh { ExportQueue::Heavy } else { ExportQueue::HeavyUnmeshed }
+    }
 }
 
 /// The renewal of a lease.

@@ -16,7 +16,14 @@ use crate::jobs::{State, StopRequests, WaitReason};
 use crate::studies::Facts;
 
 fn claim(id: &str, slots: u32) -> Claim {
-    Claim { worker: "node7".into(), key: "workers".into(), id: id.into(), slots, remaining: None }
+    Claim {
+        worker: "node7".into(),
+        key: "workers".into(),
+        id: id.into(),
+        slots,
+        remaining: None,
+        can_mesh: false,
+    }
 }
 
 fn renewal(lease: Lease) -> Renewal {

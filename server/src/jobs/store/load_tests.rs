@@ -58,7 +58,14 @@ async fn lease_and_end(store: Store, client: usize, jobs: usize) -> (Vec<Duratio
     let (mut claims, mut ends) = (Vec::new(), Vec::new());
     for job in 0..jobs {
         let id = format!("{client}-{job}");
-        let claim = Claim { worker: "node".into(), key: "workers".into(), id, slots: 1, remaining: None };
+        let claim = Claim {
+            worker: "node".into(),
+            key: "workers".into(),
+            id,
+            slots: 1,
+            remaining: None,
+            can_mesh: false,
+        };
         let started = Instant::now();
         let claimed = store.claim_for(claim).await.unwrap().pop().expect("a job that waits");
         claims.push(started.elapsed());

@@ -11,7 +11,14 @@ use crate::jobs::{ArtifactRecord, JobRecord, WaitReason};
 use crate::studies::Facts;
 
 fn claim(id: &str, worker: &str) -> Claim {
-    Claim { worker: worker.into(), key: "workers".into(), id: id.into(), slots: 1, remaining: None }
+    Claim {
+        worker: worker.into(),
+        key: "workers".into(),
+        id: id.into(),
+        slots: 1,
+        remaining: None,
+        can_mesh: false,
+    }
 }
 
 fn formats() -> FormatLengths {

@@ -142,6 +142,7 @@ impl There {
             worker: options.name.clone(),
             slots: 1,
             remaining_s: None,
+            mesher: options.mesher.clone(),
             build: BUILD.into(),
             bits: options.bits.clone(),
         };

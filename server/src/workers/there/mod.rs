@@ -60,6 +60,8 @@ pub(crate) struct WorkerOptions {
     pub(crate) name: String,
     /// Digest of the probe.
     pub(crate) bits: String,
+    /// The Gmsh of this machine, as reports name it.
+    pub(crate) mesher: Option<String>,
     /// Time between two checkpoints of a job that are sent to the server.
     pub(crate) send_checkpoints_every: Duration,
     /// No job is taken after this.

@@ -26,27 +26,29 @@ macro_rules! next {
 
 /// The query for the next export among those of `$tail`, at the time `?1`.
 macro_rules! waiting {
-    ($tail:literal) => {
+    ($($tail:literal),+) => {
         concat!(
             "select seq from exports ",
-            $tail,
+            $($tail,)+
             " and (not_before is null or not_before <= ?1) order by rank, seq limit 1"
         )
     };
 }
 
-/// The number of the next export for the slots of packings: of the first 250 one whose job the worker `?3` with the key
-/// `?4` has packed, else the first.
+/// The number of the next export for the slots of packings that `$which` selects: of the first 250 one whose job the
+/// worker `?3` with the key `?4` has packed, else the first.
 macro_rules! heavy {
-    () => {
+    ($which:literal) => {
         concat!(
             "select coalesce((select line.seq from (
                  select exports.seq, exports.rank, exports.job from exports indexed by exports_heavy
-                 where state = 'queued' and heavy and (not_before is null or not_before <= ?1)
+                 where state = 'queued' and heavy",
+            $which,
+            " and (not_before is null or not_before <= ?1)
                  order by exports.rank, exports.seq limit 250
              ) as line join jobs on jobs.seq = line.job where jobs.worker = ?3 and jobs.worker_key = ?4
              order by line.rank, line.seq limit 1), (",
-            waiting!("indexed by exports_heavy where state = 'queued' and heavy"),
+            waiting!("indexed by exports_heavy where state = 'queued' and heavy", $which),
             "))"
         )
     };
@@ -61,6 +63,10 @@ pub(crate) enum ExportQueue {
     Quick,
     /// Those for the slots of packings.
     Heavy,
+    /// Of these what needs no Gmsh.
+    HeavyUnmeshed,
+    /// Of these what needs it.
+    HeavyMeshed,
 }
 
 /// Who makes an export.
@@ -115,15 +121,19 @@ impl Store {
     }
 
     /// Claims the next export for the slots of packings, or finds that none waits by a look that writes nothing.
+    /// `can_mesh` is asked where one needs Gmsh.
     ///
     /// # Errors
     /// The database's.
-    pub(crate) async fn claim_heavy_export(&self) -> Result<Option<ClaimedExport>, StoreError> {
-        if self.has_claimable_export(ExportQueue::Heavy).await? {
-            self.claim_export(ExportQueue::Heavy).await
-        } else {
-            Ok(None)
+    pub(crate) async fn claim_heavy_export(
+        &self,
+        can_mesh: impl Future<Output = bool>,
+    ) -> Result<Option<ClaimedExport>, StoreError> {
+        if !self.has_claimable_export(ExportQueue::Heavy).await? {
+            return Ok(None);
         }
+        let is_unmeshed = self.has_claimable_export(ExportQueue::HeavyMeshed).await? && !can_mesh.await;
+        self.claim_export(if is_unmeshed { ExportQueue::HeavyUnmeshed } else { ExportQueue::Heavy }).await
     }
 
     /// Whether an export waits that [`Self::claim_export`] would claim now. Claims nothing.
@@ -137,6 +147,12 @@ impl Store {
             }
             ExportQueue::Quick => waiting!("indexed by exports_quick where state = 'queued' and quick"),
             ExportQueue::Heavy => waiting!("indexed by exports_heavy where state = 'queued' and heavy"),
+            ExportQueue::HeavyUnmeshed => {
+                waiting!("indexed by exports_heavy where state = 'queued' and heavy and not needs_mesher")
+            }
+            ExportQueue::HeavyMeshed => {
+                waiting!("indexed by exports_heavy where state = 'queued' and heavy and needs_mesher")
+            }
         };
         Ok(query(text).bind(self.now_us()).fetch_optional(self.readers()).await?.is_some())
     }
@@ -149,7 +165,9 @@ pub(super) fn claim_sql(queue: ExportQueue) -> &'static str {
             next!(waiting!("indexed by exports_queue where state = 'queued' and not heavy"))
         }
         ExportQueue::Quick => next!(waiting!("indexed by exports_quick where state = 'queued' and quick")),
-        ExportQueue::Heavy => next!(heavy!()),
+        ExportQueue::Heavy => next!(heavy!("")),
+        ExportQueue::HeavyUnmeshed => next!(heavy!(" and not needs_mesher")),
+        ExportQueue::HeavyMeshed => next!(heavy!(" and needs_mesher")),
     }
 }
 

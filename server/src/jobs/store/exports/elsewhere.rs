@@ -7,7 +7,7 @@ use super::super::leases::{Claim as LeaseClaim, Held, Renewal};
 use super::super::studies::properties;
 use super::super::submit::to_json;
 use super::super::{Store, StoreError, micros, rows};
-use super::claims::{self, Claim, ClaimedExport, ExportQueue, Maker};
+use super::claims::{self, Claim, ClaimedExport, Maker};
 use super::{export, export_id, select_exports};
 use crate::exports::{ExportLease, ExportState};
 use crate::failure::{Failure, FailureCode};
@@ -30,7 +30,7 @@ impl Store {
             .fetch_optional(self.readers())
             .await?
             .is_some();
-        let may_find = has_one || (may_begin && self.has_claimable_export(ExportQueue::Heavy).await?);
+        let may_find = has_one || (may_begin && self.has_claimable_export(claim.exports()).await?);
         if !may_find {
             return Ok(None);
         }
@@ -175,7 +175,7 @@ async fn take(
         return Ok((None, ended));
     }
     loop {
-        match claims::claim(store, ExportQueue::Heavy, Maker::Process(claim), store.now_us(), tx).await? {
+        match claims::claim(store, claim.exports(), Maker::Process(claim), store.now_us(), tx).await? {
             Claim::None => return Ok((None, ended)),
             Claim::Claimed(claimed) => return Ok((Some(*claimed), ended)),
             Claim::Ended(id) => ended.extend(id),

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::super::db::query;
 use super::super::tests::{artifact, fresh, fresh_file, progress, submit};
-use super::super::{Claim, ExportQueue, Held, MOST_WRONG_RESULTS, Renewal, Store, StoreError};
+use super::super::{Claim, ClaimedExport, ExportQueue, Held, MOST_WRONG_RESULTS, Renewal, Store, StoreError};
 use crate::exports::{ExportLease, ExportRecord, ExportState, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
@@ -19,7 +19,14 @@ fn heavy(at_mm: f64) -> NewExport {
 }
 
 fn claim(id: &str, worker: &str) -> Claim {
-    Claim { worker: worker.into(), key: "workers".into(), id: id.into(), slots: 1, remaining: None }
+    Claim {
+        worker: worker.into(),
+        key: "workers".into(),
+        id: id.into(),
+        slots: 1,
+        remaining: None,
+        can_mesh: false,
+    }
 }
 
 /// A job with an export, packed by a worker process or by the server.
@@ -63,6 +70,29 @@ async fn run_out(store: &Store) {
         .unwrap();
 }
 
+/// What needs Gmsh goes to who has it, however long it has waited; all else goes to anybody.
+#[tokio::test]
+async fn an_export_that_needs_gmsh_is_leased_to_a_process_that_has_it_alone() {
+    let (_folder, store) = fresh().await;
+    let job = submit(&store, json!({})).await;
+    let lease = store.claim().await.unwrap().unwrap().lease;
+    let of_mesher = NewExport { needs_mesher: true, ..heavy(1.0) };
+    let path = format!("{}.1", lease.id);
+    let both = vec![of_mesher, heavy(2.0)];
+    store.succeed(lease, artifact(&path), progress(1.0), Facts::default(), both).await.unwrap();
+    let at = |of: Option<&ClaimedExport>| of.map(|of| of.export.options["at_mm"].clone());
+    let without = store.claim_export_for(claim("a", "node7")).await.unwrap();
+    assert_eq!(at(without.as_ref()), Some(json!(2.0)), "the one behind it");
+    assert_eq!(store.claim_export_for(claim("b", "node8")).await.unwrap(), None);
+    assert_eq!(store.claim_heavy_export(async { false }).await.unwrap(), None, "nor to a server without it");
+    let with = Claim { can_mesh: true, ..claim("c", "node9") };
+    let with = store.claim_export_for(with).await.unwrap().unwrap();
+    assert_eq!((at(Some(&with)), with.export.job), (Some(json!(1.0)), job.id));
+    store.export_requeued(&with.export).await.unwrap();
+    let here = store.claim_heavy_export(async { true }).await.unwrap();
+    assert_eq!(at(here.as_ref()), Some(json!(1.0)));
+}
+
 #[tokio::test]
 async fn exports_for_slots_are_left_to_them_and_go_first_to_who_packed_the_job() {
     let (_folder, store) = fresh().await;
@@ -77,9 +107,9 @@ async fn exports_for_slots_are_left_to_them_and_go_first_to_who_packed_the_job()
     assert!(store.claim_for(claim("a", "node7")).await.unwrap().is_empty(), "the claim has an export");
     let none = Claim { slots: 0, ..claim("b", "node7") };
     assert_eq!(store.claim_export_for(none).await.unwrap(), None, "it asks for what it was given alone");
-    let second = store.claim_heavy_export().await.unwrap().unwrap().export;
+    let second = store.claim_heavy_export(async { false }).await.unwrap().unwrap().export;
     assert_eq!((second.job, second.worker.as_str()), (of_server, ""));
-    assert_eq!(store.claim_heavy_export().await.unwrap(), None);
+    assert_eq!(store.claim_heavy_export(async { false }).await.unwrap(), None);
     assert_eq!(store.claim_export_for(claim("b", "node7")).await.unwrap(), None);
     assert_eq!(store.claim_for(claim("b", "node7")).await.unwrap()[0].job.id, waiting.id);
     assert_eq!(store.claim_export_for(claim("b", "node7")).await.unwrap(), None, "the claim has a job");
@@ -140,7 +170,7 @@ async fn a_start_of_the_server_leaves_worker_processes_their_exports() {
         packed(&store, None).await;
     }
     let elsewhere = leased(&store, "a", "node7").await;
-    let here = store.claim_heavy_export().await.unwrap().unwrap().export;
+    let here = store.claim_heavy_export(async { false }).await.unwrap().unwrap().export;
     run_out(&store).await;
     assert_eq!(store.await_workers().await.unwrap(), 1);
     assert_eq!(store.recover_exports().await.unwrap(), 1);

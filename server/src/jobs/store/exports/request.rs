@@ -279,9 +279,10 @@ async fn insert(
     row: Row,
 ) -> Result<Option<i64>, StoreError> {
     let inserted = query(
-        "insert into exports (id, job, key, type, options, kept, quick, heavy, rank, state, created_at, updated_at,
-             used_at, owner)
-         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?10, ?8, 'queued', ?9, ?9, ?9, (select owner from jobs where seq = ?2))
+        "insert into exports (id, job, key, type, options, kept, quick, heavy, needs_mesher, rank, state, created_at,
+             updated_at, used_at, owner)
+         values (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?10, ?11, ?8, 'queued', ?9, ?9, ?9,
+             (select owner from jobs where seq = ?2))
          on conflict (job, key) do nothing returning seq",
     )
     .bind(ExportId::new().to_string())
@@ -294,6 +295,7 @@ async fn insert(
     .bind(row.rank)
     .bind(row.now)
     .bind(new.heavy)
+    .bind(new.needs_mesher)
     .fetch_optional(tx)
     .await?;
     Ok(inserted.map(|row| row.try_get("seq")).transpose()?)

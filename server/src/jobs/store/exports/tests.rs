@@ -293,6 +293,8 @@ async fn what_waits_and_what_is_kept_is_bounded() {
         (ExportQueue::Usual, "exports_queue"),
         (ExportQueue::Quick, "exports_quick"),
         (ExportQueue::Heavy, "exports_heavy"),
+        (ExportQueue::HeavyUnmeshed, "exports_heavy"),
+        (ExportQueue::HeavyMeshed, "exports_heavy"),
     ] {
         let plan = plan_of(&file, super::claims::claim_sql(queue)).await;
         assert!(plan.iter().any(|step| step.contains(index)), "{plan:?}");
