@@ -131,7 +131,7 @@ async fn the_service_makes_the_same_file_and_names_what_is_missing() {
 /// Many iterations a load case.
 fn hard() -> String {
     let hard = urlencode(&materials(300.0).to_string());
-    format!("cells=48&kinds=stiffness&fields=true&materials={hard}")
+    format!("cells=36&kinds=stiffness&fields=true&materials={hard}")
 }
 
 #[tokio::test]
@@ -142,7 +142,7 @@ async fn a_command_that_was_killed_goes_on_from_its_load_cases() {
     fs::write(folder.join("hard.json"), materials(300.0).to_string()).unwrap();
     let run = packstone(folder, &["run", "mix.json", "--out", "out"]).await;
     assert_eq!(run.code, Some(0), "{run:?}");
-    let hard = "properties:cells=48,kinds=stiffness,fields=true,materials=hard.json";
+    let hard = "properties:cells=36,kinds=stiffness,fields=true,materials=hard.json";
     let command = ["export", "out/result.json", hard, "--checkpoint-every-s", "0", "--out"];
     let whole = packstone(folder, &[&command[..], &["whole"]].concat()).await;
     assert_eq!(whole.code, Some(0), "{whole:?}");
@@ -174,7 +174,7 @@ async fn a_service_that_was_killed_goes_on_from_the_load_cases_of_its_slot() {
     };
     let server = start().await;
     let mut job = with_materials();
-    job["postprocess"] = json!({"type": "properties", "cells": 48, "kinds": "stiffness", "fields": true,
+    job["postprocess"] = json!({"type": "properties", "cells": 36, "kinds": "stiffness", "fields": true,
         "materials": materials(300.0)});
     let done = server.client().succeed(&job).await;
     let id = id_of(&done).to_owned();
@@ -237,7 +237,7 @@ async fn a_worker_goes_on_from_the_load_cases_that_one_has_sent_which_was_killed
     };
     let first = worker("first");
     let mut job = with_materials();
-    job["postprocess"] = json!({"type": "properties", "cells": 48, "kinds": "stiffness", "fields": true,
+    job["postprocess"] = json!({"type": "properties", "cells": 36, "kinds": "stiffness", "fields": true,
         "materials": materials(300.0)});
     let id = id_of(&client.succeed(&job).await).to_owned();
     let of_export = |name: &String| !name.starts_with(&id) && name.ends_with(".1.checkpoint");

@@ -188,11 +188,9 @@ impl Service {
             }
             refuse_orphans(&options, &database, &orphans)?;
         }
-        let kept = tasks::blocking({
-            let checkpoints = checkpoints.clone();
-            move || checkpoints.kept_anywhere()
-        });
-        let recovered = store.recover(kept.await?.map_err(data_dir)?).await?;
+        let of_all = checkpoints.clone();
+        let kept = tasks::blocking(move || of_all.kept_anywhere()).await?.map_err(data_dir)?;
+        let recovered = store.recover(kept.clone()).await?;
         if recovered > 0 {
             tracing::info!(recovered, "jobs found running were taken back");
         }
@@ -207,7 +205,7 @@ impl Service {
         if unchecked > 0 {
             tracing::info!(unchecked, "results of worker processes wait for their check");
         }
-        let recovered = store.recover_exports().await?;
+        let recovered = store.recover_exports(kept).await?;
         if recovered > 0 {
             tracing::info!(recovered, "exports that were being made were requeued");
         }

@@ -132,7 +132,7 @@ async fn take_back_expired(store: &Store, checkpoints: &Checkpoints) -> Result<u
     }
     let checkpoints = checkpoints.clone();
     let kept = tasks::blocking(move || checkpoints.kept_anywhere()).await??;
-    let exports = store.reclaim_expired_exports().await?;
+    let exports = store.reclaim_expired_exports(kept.clone()).await?;
     if exports > 0 {
         tracing::warn!(exports, "leases ran out; the exports wait for other workers");
     }

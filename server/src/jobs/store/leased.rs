@@ -9,10 +9,17 @@ use std::time::Duration;
 
 use super::db::{Durability, Row, Transaction, query};
 use super::submit::to_json;
+use super::upkeep::Kept;
 use super::{Store, StoreError, fault_pause, micros, rows};
 use crate::exports::ExportLease;
 use crate::failure::Failure;
 use crate::jobs::{JobProgress, Lease, StopRequests, WaitReason};
+
+/// How far the time of a file may lie behind that of a row written before it, in µs: file systems take it from a clock
+/// of the kernel that ticks every 1 to 10 ms.
+const FILE_CLOCK_TICK_US: i64 = 20_000;
+/// Most starts of a task, however far its checkpoints come.
+const MOST_ATTEMPTS: i64 = 1000;
 
 /// A leased job or export.
 #[derive(Clone, Copy, Debug)]
@@ -173,6 +180,21 @@ macro_rules! note_sent_file {
     };
 }
 
+/// Raises the last attempt of a task whose attempt `?2` runs no longer.
+macro_rules! do_not_count {
+    ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
+        concat!(
+            "update ",
+            $table,
+            " set max_attempts = max_attempts + 1 where id = ?1 and attempt = ?2 and ",
+            $runs,
+            " and lease_expires_at <= ?3 and not (?4 and ",
+            $elsewhere,
+            ") and started_at <= ?5 and attempt < ?6"
+        )
+    };
+}
+
 macro_rules! take_back {
     ($table:literal, $runs:literal, $elsewhere:literal, $cancelled:literal, $progress:literal, $columns:literal) => {
         concat!(
@@ -282,14 +304,27 @@ impl LeasedTask {
 
 /// Takes back the tasks whose lease ran out until then: each returns to its queue with the next attempt, or ends where
 /// it has none left, with `exhausted`. Those of other processes are left alone with `only_own`. A file that the attempt
-/// has left is removed later.
+/// has left is removed later. An attempt that has written one of the checkpoints has come further than the one before
+/// and does not count.
 pub(super) async fn take_back(
     store: &Store,
     kind: Kind,
     exhausted: &Failure,
     (leases_until, only_own): (i64, bool),
+    checkpoints: &[Kept],
     tx: &mut Transaction<'_>,
 ) -> Result<Vec<Row>, StoreError> {
+    for kept in checkpoints {
+        query(of_kind!(kind, do_not_count))
+            .bind(&kept.job)
+            .bind(kept.attempt)
+            .bind(leases_until)
+            .bind(only_own)
+            .bind(kept.at_us.saturating_add(FILE_CLOCK_TICK_US))
+            .bind(MOST_ATTEMPTS)
+            .execute(&mut *tx)
+            .await?;
+    }
     query(of_kind!(kind, note_file))
         .bind(leases_until)
         .bind(only_own)

@@ -314,7 +314,7 @@ async fn where_servers_share_a_queue_every_run_has_an_attempt_of_its_own() {
             .execute(&mut store.writer().await.unwrap())
             .await
             .unwrap();
-        assert_eq!(store.reclaim_expired_exports().await.unwrap(), 1);
+        assert_eq!(store.reclaim_expired_exports(Vec::new()).await.unwrap(), 1);
         assert_eq!(
             store.claim_export(ExportQueue::Usual).await.unwrap().is_some(),
             starts_left > 0,

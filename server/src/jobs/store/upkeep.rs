@@ -11,16 +11,10 @@ use crate::failure::{Failure, FailureCode};
 use crate::ids::ExportId;
 use crate::jobs::JobId;
 
-/// How far the time of a file may lie behind that of a row written before it, in µs: file systems take it from a clock
-/// of the kernel that ticks every 1 to 10 ms.
-const FILE_CLOCK_TICK_US: i64 = 20_000;
-/// Most starts of a job, however far its checkpoints come.
-const MOST_ATTEMPTS: i64 = 1000;
-
 /// A checkpoint that an attempt wrote.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Kept {
-    /// ID of the job.
+    /// ID of the job or the export.
     pub(crate) job: String,
     /// The attempt that wrote it.
     pub(crate) attempt: i64,
@@ -89,7 +83,6 @@ impl Store {
         Ok(row.is_some())
     }
 
-    /// An attempt that has written a checkpoint has come further than the one before and does not count.
     async fn reclaim(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
@@ -100,22 +93,8 @@ impl Store {
             );
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            for kept in &checkpoints {
-                query(
-                    "update jobs set max_attempts = max_attempts + 1
-                     where id = ? and attempt = ? and state = 'running' and lease_expires_at <= ?
-                         and (worker = '' or not ?) and started_at <= ? and attempt < ?",
-                )
-                .bind(&kept.job)
-                .bind(kept.attempt)
-                .bind(leases_until)
-                .bind(at_start)
-                .bind(kept.at_us.saturating_add(FILE_CLOCK_TICK_US))
-                .bind(MOST_ATTEMPTS)
-                .execute(&mut tx)
-                .await?;
-            }
-            let moved = take_back(&store, Kind::Job, &exhausted, (leases_until, at_start), &mut tx).await?;
+            let which = (leases_until, at_start);
+            let moved = take_back(&store, Kind::Job, &exhausted, which, &checkpoints, &mut tx).await?;
             if at_start {
                 // A restart may end a fault of the machine.
                 query("update jobs set not_before = null where not_before is not null")

@@ -7,7 +7,9 @@ use serde_json::json;
 
 use super::super::db::query;
 use super::super::tests::{artifact, fresh, fresh_file, progress, submit};
-use super::super::{Claim, ClaimedExport, ExportQueue, Held, MOST_WRONG_RESULTS, Renewal, Store, StoreError};
+use super::super::{
+    Claim, ClaimedExport, ExportQueue, Held, Kept, MOST_WRONG_RESULTS, Renewal, Store, StoreError,
+};
 use crate::exports::{ExportLease, ExportRecord, ExportState, NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::JobId;
@@ -134,7 +136,7 @@ async fn the_lease_of_an_export_is_renewed_and_ended_by_its_key_and_attempt_alon
     assert_eq!((processes.len(), processes[0].jobs, processes[0].is_heard), (1, 1, true));
     run_out(&store).await;
     assert!(store.has_expired_leases().await.unwrap());
-    assert_eq!(store.reclaim_expired_exports().await.unwrap(), 1);
+    assert_eq!(store.reclaim_expired_exports(Vec::new()).await.unwrap(), 1);
     assert_eq!(held(&store, "workers", &first).await, Held::Lost);
     assert_eq!(store.renew("workers".into(), vec![renewal]).await.unwrap(), [Held::Lost]);
     let late = store.export_made(&first, file(), json!({})).await;
@@ -157,9 +159,34 @@ async fn the_lease_of_an_export_is_renewed_and_ended_by_its_key_and_attempt_alon
         let running = leased(&store, &format!("d{attempt}"), "node9").await;
         assert_eq!(running.attempt, attempt);
         run_out(&store).await;
-        store.reclaim_expired_exports().await.unwrap();
+        store.reclaim_expired_exports(Vec::new()).await.unwrap();
         let ended = again(&store, &running).await;
         assert_eq!(ended.state == ExportState::Failed, attempt == 3, "{ended:?}");
+    }
+}
+
+/// As of jobs: what solves a load case in each attempt ends, however often its worker dies.
+#[tokio::test]
+async fn an_attempt_that_has_kept_a_checkpoint_does_not_count() {
+    let (_folder, store) = fresh().await;
+    packed(&store, None).await;
+    let kept = |of: &ExportRecord, attempt: i64| {
+        vec![Kept { job: of.id.to_string(), attempt, at_us: store.now_us() }]
+    };
+    for attempt in 1..=5 {
+        let running = leased(&store, &format!("a{attempt}"), "node7").await;
+        assert_eq!(running.attempt, attempt);
+        run_out(&store).await;
+        assert_eq!(store.reclaim_expired_exports(kept(&running, attempt)).await.unwrap(), 1);
+        assert_eq!(again(&store, &running).await.state, ExportState::Queued, "{attempt}");
+    }
+    // A checkpoint of an attempt before is no step forward.
+    for attempt in 6..=8 {
+        let running = leased(&store, &format!("a{attempt}"), "node7").await;
+        run_out(&store).await;
+        store.reclaim_expired_exports(kept(&running, attempt - 1)).await.unwrap();
+        let ended = again(&store, &running).await;
+        assert_eq!(ended.state == ExportState::Failed, attempt == 8, "{ended:?}");
     }
 }
 
@@ -173,10 +200,10 @@ async fn a_start_of_the_server_leaves_worker_processes_their_exports() {
     let here = store.claim_heavy_export(async { false }).await.unwrap().unwrap().export;
     run_out(&store).await;
     assert_eq!(store.await_workers().await.unwrap(), 1);
-    assert_eq!(store.recover_exports().await.unwrap(), 1);
+    assert_eq!(store.recover_exports(Vec::new()).await.unwrap(), 1);
     assert_eq!(again(&store, &elsewhere).await.state, ExportState::Running);
     assert_eq!(again(&store, &here).await.state, ExportState::Queued);
-    assert_eq!(store.reclaim_expired_exports().await.unwrap(), 0, "it has the time of a lease");
+    assert_eq!(store.reclaim_expired_exports(Vec::new()).await.unwrap(), 0, "it has the time of a lease");
     store.delete_export(elsewhere.job, elsewhere.id).await.unwrap();
     assert_eq!(held(&store, "workers", &elsewhere).await, Held::Lost);
 }

@@ -139,20 +139,20 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
     drop(store);
     let store = open(&folder, LIMITS).await;
     for _ in 0..2 {
-        assert_eq!(store.recover_exports().await.unwrap(), 1);
+        assert_eq!(store.recover_exports(Vec::new()).await.unwrap(), 1);
         assert!(
             matches!(store.export_made(&before, file("p", 1), json!({})).await, Err(StoreError::LeaseLost)),
             "a late word"
         );
         assert_eq!(store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export.id, requested.id);
     }
-    store.recover_exports().await.unwrap();
+    store.recover_exports(Vec::new()).await.unwrap();
     let failed = again(&store, &requested).await.unwrap();
     assert_eq!(failed.state, ExportState::Failed);
     assert_eq!(failed.error.unwrap().code, FailureCode::AttemptsExhausted);
     // Who asks again wants it tried again, as often as before.
     assert_eq!(request(&store, job.id, cut(1.0), Retention::Cached).await.0.state, ExportState::Queued);
-    assert_eq!(store.recover_exports().await.unwrap(), 0);
+    assert_eq!(store.recover_exports(Vec::new()).await.unwrap(), 0);
     let again = store.claim_export(ExportQueue::Usual).await.unwrap().unwrap().export;
     assert!(again.attempt > failed.attempt, "a file of its own");
     assert!(
@@ -160,7 +160,7 @@ async fn what_was_running_at_a_crash_waits_again_but_not_for_ever() {
         "a late word"
     );
     for _ in 0..2 {
-        assert_eq!(store.recover_exports().await.unwrap(), 1);
+        assert_eq!(store.recover_exports(Vec::new()).await.unwrap(), 1);
         assert!(store.claim_export(ExportQueue::Usual).await.unwrap().is_some());
     }
 }

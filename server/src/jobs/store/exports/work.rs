@@ -4,6 +4,7 @@ use super::super::db::{Durability, Transaction, query};
 use super::super::leased::{Kind, LeasedTask, take_back};
 use super::super::studies::properties;
 use super::super::submit::to_json;
+use super::super::upkeep::Kept;
 use super::super::{Store, StoreError};
 use super::export_id;
 use crate::exports::{ExportLease, ExportState, StoredFile};
@@ -18,16 +19,16 @@ impl Store {
     /// Requeues every running export of this server at start-up, when none of its workers has it; an export without
     /// attempts left fails. Returns how many were running. Worker processes keep theirs. Where other servers may share
     /// the database, only those whose lease ran out are taken.
-    pub(crate) async fn recover_exports(&self) -> Result<usize, StoreError> {
-        self.reclaim_exports(if self.is_shared() { self.now_us() } else { i64::MAX }).await
+    pub(crate) async fn recover_exports(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim_exports(if self.is_shared() { self.now_us() } else { i64::MAX }, checkpoints).await
     }
 
     /// Does the same for the exports whose lease ran out.
-    pub(crate) async fn reclaim_expired_exports(&self) -> Result<usize, StoreError> {
-        self.reclaim_exports(self.now_us()).await
+    pub(crate) async fn reclaim_expired_exports(&self, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
+        self.reclaim_exports(self.now_us(), checkpoints).await
     }
 
-    async fn reclaim_exports(&self, leases_until: i64) -> Result<usize, StoreError> {
+    async fn reclaim_exports(&self, leases_until: i64, checkpoints: Vec<Kept>) -> Result<usize, StoreError> {
         let store = self.clone();
         self.detached(async move {
             let exhausted = Failure::new(
@@ -38,8 +39,8 @@ impl Store {
             let at_start = leases_until == i64::MAX;
             let mut writer = store.writer().await?;
             let mut tx = writer.begin().await?;
-            let moved =
-                take_back(&store, Kind::Export, &exhausted, (leases_until, at_start), &mut tx).await?;
+            let which = (leases_until, at_start);
+            let moved = take_back(&store, Kind::Export, &exhausted, which, &checkpoints, &mut tx).await?;
             for row in &moved {
                 let failed = query("select seq from exports where id = ? and state = 'failed'")
                     .bind(row.text("id")?)
