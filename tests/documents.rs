@@ -179,6 +179,12 @@ fn commands(code: &str) -> Vec<Vec<&str>> {
         .collect()
 }
 
+/// The names in the list of commands of a help text, but for `help`.
+fn commands_in(list: &str) -> Vec<&str> {
+    let lines = list.split("\n\n").next().unwrap_or_default().lines();
+    lines.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").collect()
+}
+
 #[tokio::test]
 async fn every_command_and_option_in_the_documents_is_known_to_the_binary() {
     let directory = tempfile::tempdir().unwrap();
@@ -188,16 +194,20 @@ async fn every_command_and_option_in_the_documents_is_known_to_the_binary() {
         ended.stdout
     };
     let overview = help(&["--help"]).await;
-    let listed = overview.split("Commands:").nth(1).unwrap().split("\n\n").next().unwrap();
-    let names: Vec<&str> = listed.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    let names = overview.split("Commands:").nth(1).map(commands_in).unwrap();
     assert!(names.contains(&"serve") && names.contains(&"backup"), "{names:?}");
     let options_of = |help: &str| -> BTreeSet<String> {
         let words = help.split(|c: char| !(c.is_ascii_alphanumeric() || c == '-'));
         words.filter(|word| word.starts_with("--") && word.len() > 2).map(str::to_owned).collect()
     };
     let mut options = BTreeMap::new();
-    for name in names.iter().filter(|name| **name != "help") {
-        options.insert(*name, options_of(&help(&[name, "--help"]).await));
+    for name in &names {
+        let text = help(&[name, "--help"]).await;
+        let mut all = options_of(&text);
+        for below in text.split("Commands:").nth(1).map(commands_in).unwrap_or_default() {
+            all.append(&mut options_of(&help(&[name, below, "--help"]).await));
+        }
+        options.insert(*name, all);
     }
     let known_somewhere: BTreeSet<&String> = options.values().flatten().collect();
     let option = |word: &str| word.split('=').next().unwrap_or_default().to_owned();

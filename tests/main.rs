@@ -49,6 +49,7 @@ mod listing;
 mod load;
 mod memory;
 mod migrate_store;
+mod mixes;
 mod models;
 mod moved_store;
 mod operations;

@@ -37,6 +37,7 @@ pub mod export;
 pub mod gap;
 pub mod geometry;
 pub mod homogenization;
+pub mod importer;
 mod memory;
 pub mod methods;
 pub mod mix;

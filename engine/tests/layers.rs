@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 29] = [
+const LAYERS: [&str; 30] = [
     "arrays",
     "cpu",
     "elementary",
@@ -16,6 +16,7 @@ const LAYERS: [&str; 29] = [
     "summed",
     "shape",
     "request",
+    "importer",
     "packing",
     "error",
     "checkpoint",

@@ -18,6 +18,7 @@ mod lattice;
 mod layers;
 mod literature;
 mod meshes;
+mod mixes;
 mod packing;
 mod polyhedra;
 #[path = "support/polyhedra.rs"]

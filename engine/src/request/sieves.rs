@@ -13,7 +13,7 @@ use crate::sorting;
 const PASSING: Bound = Bound::closed(0.0, 100.0, "(0 to 1, or percent)");
 /// Least passing of the last sieve of a curve that is completed: a coarse aggregate of EN 12620, category GC90/15, may
 /// have 10 % above its upper sieve.
-const LEAST_TOP: f64 = 0.9;
+pub(crate) const LEAST_TOP: f64 = 0.9;
 /// Most passing of the first sieve of a curve that is completed: a coarse aggregate of EN 12620, category GC85/20, may
 /// have 20 % below its lower sieve.
 pub(super) const MOST_UNDERSIZE: f64 = 0.2;
@@ -134,7 +134,7 @@ pub(super) fn complete_below(points: &mut Vec<[f64; 2]>, completed_mm: &mut Vec<
 
 /// The sieve that continues a series after these two, coarser or finer as the second is than the first: of R20 or of
 /// ASTM E11 where both belong to it, else with the same ratio.
-fn next_sieve(before: f64, last: f64) -> f64 {
+pub(crate) fn next_sieve(before: f64, last: f64) -> f64 {
     let place = |d: f64| {
         let number = (20.0 * log10(d)).round();
         let size = of_r20(number);

@@ -89,7 +89,8 @@ pub(super) fn fault(packing: &Packing, request: &PackingRequest) -> Option<Strin
         };
         for from_wall in walls {
             let clear = from_wall - d_i / 2.0;
-            if clear.is_nan() || clear < wall {
+            // As a distance of the centre: a grain that fits exactly is one that fits.
+            if clear.is_nan() || from_wall < d_i / 2.0 + wall {
                 return Some(format!("{i} to a wall: {clear:e} instead of {wall:e} mm"));
             }
         }

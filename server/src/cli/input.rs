@@ -36,14 +36,7 @@ impl Input {
 
     fn read(&self, file: &Path) -> Result<Vec<u8>, Failure> {
         let most = self.max_body_bytes;
-        let mut text = Vec::new();
-        let mut read = |from: &mut dyn io::Read| from.take(most.saturating_add(1)).read_to_end(&mut text);
-        let read = if file.as_os_str() == "-" {
-            read(&mut io::stdin().lock())
-        } else {
-            File::open(file).and_then(|mut file| read(&mut file))
-        };
-        read.map_err(|error| cannot_be("read", file, &error))?;
+        let text = read_at_most(file, most)?;
         if text.len() as u64 > most {
             return Err(Exit::BadInput.because(format_args!(
                 "{} is refused: it has more than {most} bytes; --max-body-bytes reads more",
@@ -52,4 +45,20 @@ impl Input {
         }
         Ok(text)
     }
+}
+
+/// Reads a file, or standard input where it is `-`. Of one that has more than `most` bytes, one byte more is read.
+///
+/// # Errors
+/// The file cannot be read.
+pub(super) fn read_at_most(file: &Path, most: u64) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    let mut read = |from: &mut dyn io::Read| from.take(most.saturating_add(1)).read_to_end(&mut bytes);
+    let read = if file.as_os_str() == "-" {
+        read(&mut io::stdin().lock())
+    } else {
+        File::open(file).and_then(|mut file| read(&mut file))
+    };
+    read.map_err(|error| cannot_be("read", file, &error))?;
+    Ok(bytes)
 }

@@ -18,6 +18,7 @@ mod http_client;
 mod input;
 mod key;
 mod migrate_store;
+mod mix;
 mod openapi;
 mod outputs;
 mod packing_file;
@@ -68,6 +69,8 @@ enum Command {
     Study(Box<study::Options>),
     /// Say what a job amounts to: grains, memory, time, chance of success
     Plan(plan::Options),
+    /// Read mixes as laboratories print them: gradings and recipes
+    Mix(mix::Options),
     /// Print the HTTP interface as an OpenAPI document
     Openapi,
     /// Measure the engine on this machine
@@ -106,6 +109,7 @@ pub(crate) fn main(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Command::Solve(options) => solve::run(&options),
         Command::Study(options) => study::run(&options),
         Command::Plan(options) => plan::run(&options),
+        Command::Mix(options) => mix::run(&options),
         Command::Openapi => openapi::run(),
         Command::Bench(options) => bench::run(&options),
         Command::Backup(options) => backup::run(&options),

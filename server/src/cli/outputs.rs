@@ -61,7 +61,7 @@ pub(super) fn refuse_existing<'a>(
     let more = if more > 0 { format!("\n  and {more} more") } else { String::new() };
     let named = existing[..existing.len().min(NAMED)].join("\n  ");
     Err(Exit::BadInput.because(format_args!(
-        "these files exist; --force overwrites them, --out names another folder:\n  {named}{more}"
+        "these files exist; --force overwrites them, --out names another place:\n  {named}{more}"
     )))
 }
 

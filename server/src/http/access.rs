@@ -40,6 +40,9 @@ enum Named {
 /// Route of a request that meets none.
 pub(crate) const UNKNOWN_ROUTE: &str = "unknown";
 
+/// Routes whose answer is computed from the body of a request, of which nothing is stored.
+pub(crate) const COMPUTING_ROUTES: [&str; 2] = ["/v1/plans", "/v1/mixes/read"];
+
 fn needs(method: &Method, route: &str) -> (Right, Named) {
     let reads = [Method::GET, Method::HEAD].contains(method);
     let own = if reads { Right::Read } else { Right::Change };
@@ -50,8 +53,7 @@ fn needs(method: &Method, route: &str) -> (Right, Named) {
         _ if below("/v1/jobs/{id}") => (own, Named::Job),
         _ if below("/v1/studies/{id}") => (own, Named::Study),
         "/v1/jobs" | "/v1/studies" | "/v1/events" => (own, Named::Nothing),
-        // A plan is computed and not stored.
-        "/v1/plans" => (Right::Read, Named::Nothing),
+        _ if COMPUTING_ROUTES.contains(&route) => (Right::Read, Named::Nothing),
         _ if below("/v1/leases") => (Right::Work, Named::Nothing),
         "/metrics" if reads => (Right::Measure, Named::Nothing),
         "/v1/capabilities" | "/v1/key" | "/problems" | "/problems/{kind}" | "/openapi.json" | "/session"
@@ -153,6 +155,7 @@ mod tests {
             (Method::GET, "/v1/studies/{id}/table", (Right::Read, Named::Study)),
             (Method::POST, "/v1/studies", (Right::Change, Named::Nothing)),
             (Method::POST, "/v1/plans", (Right::Read, Named::Nothing)),
+            (Method::POST, "/v1/mixes/read", (Right::Read, Named::Nothing)),
             (Method::GET, "/v1/key", (Right::Ask, Named::Nothing)),
             (Method::POST, "/v1/leases", (Right::Work, Named::Nothing)),
             (Method::PUT, "/v1/leases/{task}/{attempt}/result", (Right::Work, Named::Nothing)),

@@ -8,13 +8,15 @@ use jiff::Timestamp;
 
 use crate::accounts::Caller;
 use crate::audit::{AuditEntry, AuditLog};
+use crate::http::access::COMPUTING_ROUTES;
 use crate::http::app::App;
 use crate::http::session;
 
 /// What a request that may change something does; `None` for all others. A route that is added has the name that its
 /// path gives until it is named here. Workers run what others have submitted: the log tells of them, and not this.
 fn action(method: &Method, route: &str) -> Option<String> {
-    let reads = [Method::GET, Method::HEAD, Method::OPTIONS].contains(method) || route == "/v1/plans";
+    let reads =
+        [Method::GET, Method::HEAD, Method::OPTIONS].contains(method) || COMPUTING_ROUTES.contains(&route);
     if reads || route == "/v1/leases" || route.starts_with("/v1/leases/") {
         return None;
     }
@@ -148,6 +150,7 @@ mod tests {
             (Method::GET, "/v1/jobs", None),
             (Method::HEAD, "/v1/jobs/{id}/result", None),
             (Method::POST, "/v1/plans", None),
+            (Method::POST, "/v1/mixes/read", None),
             (Method::POST, "/v1/jobs", Some("submit_job")),
             (Method::DELETE, "/v1/studies/{id}", Some("delete_study")),
             (Method::PUT, "/v1/new", Some("PUT /v1/new")),

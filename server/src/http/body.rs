@@ -1,4 +1,4 @@
-//! Reading JSON bodies: what may be sent, how long, how fast, and how much memory they hold together.
+//! Reading bodies, of JSON or of a file: what may be sent, how long, how fast, and how much memory they hold together.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -31,7 +31,7 @@ const LINGER: Duration = Duration::from_secs(5);
 
 /// The body of a request, unread. Its memory counts until this is dropped: a handler keeps it to its end, for what it
 /// has read from the body takes memory, too.
-pub(crate) struct JsonBody {
+pub(crate) struct RequestBody {
     headers: HeaderMap,
     body: Body,
     /// Longest body that the server reads, whatever the route.
@@ -39,7 +39,7 @@ pub(crate) struct JsonBody {
     memory: Reservation,
 }
 
-impl FromRequest<App> for JsonBody {
+impl FromRequest<App> for RequestBody {
     type Rejection = Infallible;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, Infallible> {
@@ -50,22 +50,40 @@ impl FromRequest<App> for JsonBody {
     }
 }
 
-impl JsonBody {
-    /// Reads the body, which may have so many bytes on its route.
+impl RequestBody {
+    /// Reads the body, which is JSON and may have so many bytes on its route.
     ///
     /// # Errors
     /// `unsupported-media-type` and `payload-too-large` without reading it all, `request-timeout`, `busy` where the
     /// memory for bodies is used up.
     pub(crate) async fn read(&mut self, max_bytes: u64) -> Result<Bytes, Problem> {
+        let is_json = check_json(&self.headers);
+        self.read_checked(is_json, max_bytes).await
+    }
+
+    /// The same of a body of any media type.
+    ///
+    /// # Errors
+    /// Those of [`Self::read`].
+    pub(crate) async fn read_file(&mut self, max_bytes: u64) -> Result<Bytes, Problem> {
+        self.read_checked(Ok(()), max_bytes).await
+    }
+
+    async fn read_checked(
+        &mut self,
+        media_type: Result<(), Problem>,
+        max_bytes: u64,
+    ) -> Result<Bytes, Problem> {
         let (body, max_bytes) = (std::mem::take(&mut self.body), max_bytes.min(self.longest));
-        if let Err(problem) = check_headers(&self.headers, max_bytes) {
+        let checked = check_encoding(&self.headers).and(media_type);
+        if let Err(problem) = checked.and_then(|()| check_length(&self.headers, max_bytes)) {
             linger(body);
             return Err(problem);
         }
         collect(body, max_bytes, &mut self.memory).await
     }
 
-    /// The same, parsed: where it is long, off the threads that answer.
+    /// Reads a body of JSON, parsed: where it is long, off the threads that answer.
     ///
     /// # Errors
     /// Those of [`Self::read`], and `malformed-json`.
@@ -78,10 +96,12 @@ impl JsonBody {
     }
 }
 
-/// Refuses what need not be read to be refused.
-fn check_headers(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
-    let text = |name| headers.get(name).map(|value| value.to_str().unwrap_or("?"));
-    if let Some(encoding) = text(header::CONTENT_ENCODING)
+fn text(headers: &HeaderMap, name: header::HeaderName) -> Option<&str> {
+    headers.get(name).map(|value| value.to_str().unwrap_or("?"))
+}
+
+fn check_encoding(headers: &HeaderMap) -> Result<(), Problem> {
+    if let Some(encoding) = text(headers, header::CONTENT_ENCODING)
         && !encoding.trim().eq_ignore_ascii_case("identity")
     {
         return Err(Problem::new(
@@ -90,7 +110,11 @@ fn check_headers(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
         )
         .with_header("accept-encoding", "identity"));
     }
-    let content_type = text(header::CONTENT_TYPE);
+    Ok(())
+}
+
+fn check_json(headers: &HeaderMap) -> Result<(), Problem> {
+    let content_type = text(headers, header::CONTENT_TYPE);
     if !content_type.is_some_and(is_json) {
         let found = content_type.map_or("is missing".to_owned(), |t| format!("{} is not read", shown(t)));
         return Err(Problem::new(
@@ -98,7 +122,11 @@ fn check_headers(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
             format!("Content-Type {found}: must be application/json"),
         ));
     }
-    let length = text(header::CONTENT_LENGTH).and_then(|length| length.parse::<u64>().ok());
+    Ok(())
+}
+
+fn check_length(headers: &HeaderMap, max_bytes: u64) -> Result<(), Problem> {
+    let length = text(headers, header::CONTENT_LENGTH).and_then(|length| length.parse::<u64>().ok());
     match length {
         Some(length) if length > max_bytes => Err(too_large(&format!("{length} bytes"), max_bytes)),
         _ => Ok(()),

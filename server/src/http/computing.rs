@@ -1,4 +1,4 @@
-//! Work that would hold up the threads that answer: plans, large bodies, long documents.
+//! Work that would hold up the threads that answer: plans, readings of mixes, large bodies, long documents.
 //!
 //! It runs on threads of the blocking pool, in each of two pools at most half as many at once as there are cores. A
 //! request waits for its turn for a bounded time, and clients take turns. Work with many steps passes its place on
@@ -107,7 +107,8 @@ impl Turn {
 
 /// The refusal of work for which there was no place in time.
 pub(crate) fn busy() -> Problem {
-    let detail = "as many plans and submissions are being computed as this server computes at once";
+    let detail =
+        "as many plans, submissions and readings of mixes are being computed as this server computes at once";
     Problem::new(Kind::Busy, detail).with_header("retry-after", "10")
 }
 

@@ -22,6 +22,7 @@ mod files;
 mod hosts;
 mod jobs;
 mod leases;
+mod mixes;
 mod negotiation;
 mod observe;
 #[cfg(test)]

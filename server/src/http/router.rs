@@ -16,7 +16,7 @@ use crate::base_path;
 use crate::http::app::App;
 use crate::http::response::protect;
 use crate::http::{
-    contract, events, exports, jobs, leases, observe, results, service, session, studies, web, workers,
+    contract, events, exports, jobs, leases, mixes, observe, results, service, session, studies, web, workers,
 };
 use crate::problem::{Kind, Problem};
 
@@ -54,6 +54,7 @@ routes! {
     patch "/v1/jobs/{id}" => jobs::patch: patch,
     get "/v1/jobs/{id}/request" => jobs::get: request,
     post "/v1/plans" => jobs::plans: plan,
+    post "/v1/mixes/read" => mixes: read,
     get "/v1/jobs/{id}/events" => jobs::events: events,
     post "/v1/jobs/{id}/cancel" => jobs::actions: cancel,
     post "/v1/jobs/{id}/finish" => jobs::actions: finish,

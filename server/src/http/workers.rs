@@ -6,7 +6,7 @@ use packstone_engine::FieldError;
 use serde::{Deserialize, Serialize};
 
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::leases::read;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{named, time};
@@ -113,7 +113,7 @@ pub(crate) async fn list(State(app): State<App>, _: Query<NoParameters>) -> Resu
 pub(crate) async fn allow(
     State(app): State<App>,
     query: Query<NoParameters>,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let request: AllowRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     let AllowRequest { key, worker } = request;

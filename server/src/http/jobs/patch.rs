@@ -9,7 +9,7 @@ use jiff::Timestamp;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body::{JsonBody, PATCH_BYTES};
+use crate::http::body::{PATCH_BYTES, RequestBody};
 use crate::http::conditional::target;
 use crate::http::jobs::view;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query};
@@ -43,7 +43,7 @@ pub(crate) async fn patch(
     IdPath(id): JobPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let value = body.json(&app, PATCH_BYTES).await?;
     let patch = JobPatch::read(&value, Timestamp::now()).map_err(Failure::invalid)?;

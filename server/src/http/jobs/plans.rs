@@ -7,7 +7,7 @@ use axum::response::{IntoResponse as _, Response};
 use crate::accounts::Caller;
 use crate::exports::estimates::JobPlan;
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::jobs::reading::{Submission, read};
 use crate::http::params::{NoParameters, Query};
 use crate::planning::Proposal;
@@ -30,7 +30,7 @@ pub(crate) async fn plan(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let bytes = body.read(app.shared.max_body_bytes).await?;
     let submission = read(&app, bytes, app.limits_of(&caller), Proposal::Made).await?;

@@ -9,7 +9,7 @@ use packstone_engine::Plan;
 use crate::accounts::Caller;
 use crate::exports::estimates;
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::conditional::Wait;
 use crate::http::jobs::get::wait_until;
 use crate::http::jobs::reading::{Submission, read};
@@ -47,7 +47,7 @@ pub(crate) async fn submit(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);

@@ -16,7 +16,7 @@ use super::read;
 use crate::accounts::Caller;
 use crate::gmsh;
 use crate::http::app::{App, SMALL_BODY_BYTES};
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::{json, set};
@@ -56,7 +56,7 @@ pub(crate) async fn lease(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let request: LeaseRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     // The answer may be held back.

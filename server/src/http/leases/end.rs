@@ -13,7 +13,7 @@ use crate::accounts::Caller;
 use crate::artifacts::receive::most_bytes_of_result;
 use crate::failure::{Failure, FailureCode};
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::params::{NoParameters, Query};
 use crate::jobs::store::{Held, StoreError};
 use crate::jobs::{JobRecord, Lease, WaitReason};
@@ -47,7 +47,7 @@ pub(crate) async fn end(
     Extension(caller): Extension<Caller>,
     path: LeasePath,
     _: Query<NoParameters>,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let request: EndRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     let store = &app.shared.store;

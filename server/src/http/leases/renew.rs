@@ -12,7 +12,7 @@ use tokio::time::{interval, sleep};
 use super::read;
 use crate::accounts::Caller;
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::conditional::Wait;
 use crate::http::jobs::polled::RECENT;
 use crate::http::params::{NoParameters, Query};
@@ -52,7 +52,7 @@ pub(crate) async fn renew(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let request: RenewalRequest = read(body.json(&app, MAX_BODY_BYTES).await?)?;
     // The answer may be held back.

@@ -18,7 +18,7 @@ use crate::accounts::{ApiKeys, Caller, Submitter, digest};
 use crate::base_path;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::params::{NoParameters, Query};
 use crate::http::response::set;
 use crate::http::{auth, observe};
@@ -70,7 +70,7 @@ pub(crate) async fn begin(
     State(app): State<App>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let key = read(&body.json(&app, MAX_BODY_BYTES).await?)?;
     let mut response = StatusCode::NO_CONTENT.into_response();

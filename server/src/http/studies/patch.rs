@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body::{JsonBody, PATCH_BYTES};
+use crate::http::body::{PATCH_BYTES, RequestBody};
 use crate::http::conditional::target;
 use crate::http::params::{IdPath, NoParameters, Query, StudyPath};
 use crate::http::problems::refused;
@@ -74,7 +74,7 @@ pub(crate) async fn patch(
     IdPath(id): StudyPath,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let patch = StudyPatch::read(&body.json(&app, PATCH_BYTES).await?).map_err(Failure::invalid)?;
     if let Change::Set(url) = &patch.webhook_url {

@@ -14,7 +14,7 @@ use serde_json::Value;
 use crate::accounts::Caller;
 use crate::failure::Failure;
 use crate::http::app::App;
-use crate::http::body::JsonBody;
+use crate::http::body::RequestBody;
 use crate::http::conditional::Wait;
 use crate::http::params::{NoParameters, Query};
 use crate::http::problems::refused;
@@ -63,7 +63,7 @@ pub(crate) async fn submit(
     Extension(caller): Extension<Caller>,
     _: Query<NoParameters>,
     headers: HeaderMap,
-    mut body: JsonBody,
+    mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let key = idempotency_key(&headers)?;
     let wait = Wait::of(&headers);

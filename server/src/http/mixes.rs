@@ -1,0 +1,86 @@
+//! Readings of mixes: what gradings and recipes say as laboratories print them.
+
+use axum::extract::State;
+use axum::response::{IntoResponse as _, Response};
+use packstone_engine::importer::{self, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Unit};
+
+use crate::http::app::{App, LARGE_BODY_BYTES};
+use crate::http::body::RequestBody;
+use crate::http::params::values::Text;
+use crate::http::params::{Query, choices, parameters};
+use crate::http::submission::read_apart;
+use crate::problem::Problem;
+
+choices!(Unit);
+
+/// A name that stands in a table.
+type Name = Text<1, 1000>;
+
+parameters! {
+    /// What a client has chosen, where a first reading asked.
+    #[derive(Debug)]
+    pub(crate) struct ReadingParameters {
+        /// Sheet of a workbook that is read, by its name; all sheets where it is absent.
+        sheet: Option<Name>,
+        /// Curve or recipe that is read, by its name.
+        curve: Option<Name>,
+        /// Column of values that is read, by its head, by its letter in a workbook, or by its number from 1.
+        column: Option<Name>,
+        /// Unit of the sieves.
+        unit: Option<Unit>,
+    }
+}
+
+impl From<ReadingParameters> for ReadOptions {
+    fn from(ReadingParameters { sheet, curve, column, unit }: ReadingParameters) -> Self {
+        let text = |name: Option<Name>| name.map(|name| name.0);
+        Self {
+            sheet: text(sheet),
+            curve: text(curve),
+            column: text(column),
+            unit: unit.map(|unit| unit.name().to_owned()),
+        }
+    }
+}
+
+/// Read a grading or a recipe
+///
+/// What was understood of a table as laboratories print it: grading curves, limits, recipes, and the part of a request
+/// that follows. The body is the file as it stands: a text (CSV, tabs, semicolons, HTML, Markdown, what was pasted) of
+/// at most 1 MiB or a workbook (.xlsx, .ods) of at most 4 MiB. What it is, and its encoding, is told by its bytes,
+/// whatever its media type. Each readable body is answered with 200: `verdict` says whether it has one reading (`ok`,
+/// `warn`), whether there is a choice to make (`ask`: each of `candidates` has its `request`), or why nothing was read
+/// (`refuse`, with row, reason and remedy in `notes`). Nothing is stored.
+#[cfg_attr(test, utoipa::path(
+    post, path = "/v1/mixes/read", tag = "jobs", operation_id = "read_mix",
+    params(ReadingParameters),
+    request_body(description = "The file, of any media type", content(
+        (String = "text/plain"),
+        (String = "text/csv"),
+        (String = "text/html"),
+        ("application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
+        ("application/vnd.oasis.opendocument.spreadsheet"),
+        ("application/octet-stream"),
+    )),
+    responses(
+        (status = 200, description = "What was understood", body = MixReading),
+        crate::http::problems::sets::MixReadingProblems
+    )
+))]
+pub(crate) async fn read(
+    State(app): State<App>,
+    Query(parameters): Query<ReadingParameters>,
+    mut body: RequestBody,
+) -> Result<Response, Problem> {
+    let bytes = body.read_file(MAX_WORKBOOK_BYTES as u64).await?;
+    let options = ReadOptions::from(parameters);
+    // A workbook unpacks to more than its bytes.
+    let is_large = bytes.len() > LARGE_BODY_BYTES || bytes.starts_with(b"PK");
+    let work = move || importer::read(&bytes, &options);
+    let reading: MixReading = if is_large {
+        read_apart(&app, move |_| Ok(work())).await?
+    } else {
+        app.shared.compute.run(move |_| work()).await?
+    };
+    Ok(axum::Json(reading).into_response())
+}
