@@ -4,12 +4,24 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::harness::{Client, DataDir, Server, packstone};
+use crate::harness::{Client, DataDir, Server, packstone, results, run};
 
-/// A curve with a head, decimal commas and percents.
+const TYPES: [&str; 7] = [
+    "text/csv",
+    "text/plain; charset=utf-8",
+    "text/html",
+    "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+    "application/vnd.oasis.opendocument.spreadsheet",
+    "application/octet-stream",
+    "application/json",
+];
+
+/// A curve with a head, decimal commas and percents; what passes in shares.
 const CURVE: &str = "Sieve (mm);Passing (%)\n0,063;1,5\n0,25;8\n1;24\n4;51,5\n8;74\n16;100\n";
+const POINTS: [[f64; 2]; 6] =
+    [[0.063, 0.015], [0.25, 0.08], [1.0, 0.24], [4.0, 0.515], [8.0, 0.74], [16.0, 1.0]];
 
 /// Two curves side by side.
 const TWO: &str = "Sieve (mm);Sand 0/4, passing %;Gravel 4/16, passing %\n16;100;100\n8;100;40\n4;98;5\n1;55;1\n0,25;12;0\n0,063;0;0\n";
@@ -21,6 +33,49 @@ async fn read(client: &Client, query: &str, body: impl Into<reqwest::Body>) -> V
 
 fn texts(reading: &Value) -> Vec<&str> {
     reading["notes"].as_array().unwrap().iter().map(|note| note["text"].as_str().unwrap()).collect()
+}
+
+#[tokio::test]
+async fn a_file_is_read_as_it_stands_whatever_its_media_type() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let utf16: Vec<u8> = format!("\u{feff}{CURVE}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    for body in [CURVE.as_bytes().to_vec(), CURVE.replace('\n', "\r\n").into_bytes(), utf16] {
+        for media_type in TYPES {
+            let request = client.post("/v1/mixes/read").header("content-type", media_type);
+            let reading = request.body(body.clone()).send().await.expect(200).json();
+            assert_eq!(reading["verdict"], "ok", "{media_type}: {reading:#}");
+            assert_eq!(reading["curves"][0]["points"], json!(POINTS), "{media_type}: {reading:#}");
+        }
+    }
+    // Without one, too.
+    let reading = client.post("/v1/mixes/read").body(CURVE).send().await.expect(200).json();
+    assert_eq!(reading["request"]["mix"]["grading"]["points"], json!(POINTS), "{reading:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn what_has_two_readings_asks_and_a_parameter_chooses() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let reading = read(&client, "", TWO).await;
+    assert_eq!(reading["verdict"], "ask", "{reading:#}");
+    assert!(reading.get("request").is_none(), "{reading:#}");
+    let candidates = reading["candidates"].as_array().unwrap();
+    assert!(candidates.len() >= 2, "{reading:#}");
+    for candidate in candidates {
+        assert!(candidate["request"]["mix"].is_object(), "{candidate:#}");
+    }
+    for (column, coarse) in [("2", 0.98), ("3", 0.05)] {
+        let chosen = read(&client, &format!("?column={column}"), TWO).await;
+        assert!(["ok", "warn"].contains(&chosen["verdict"].as_str().unwrap()), "{chosen:#}");
+        let points = chosen["request"]["mix"]["grading"]["points"].as_array().unwrap();
+        let of_4 = points.iter().find(|point| point[0] == 4.0).unwrap();
+        assert_eq!(of_4[1], coarse, "{chosen:#}");
+    }
+    server.stop().await;
 }
 
 #[tokio::test]
@@ -68,6 +123,35 @@ fn write(directory: &Path, name: &str, text: &str) {
 }
 
 #[tokio::test]
+async fn the_command_shows_what_was_understood_and_writes_a_job_that_packs() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    write(here, "curve.csv", CURVE);
+    let ended = packstone(here, &["mix", "read", "curve.csv", "--out", "job.json"]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    for row in [&["0.063", "1.5"][..], &["4", "51.5"], &["16", "100"]] {
+        let is_shown = ended.stdout.lines().any(|line| line.split_whitespace().eq(row.iter().copied()));
+        assert!(is_shown, "{row:?}: {}", ended.stdout);
+    }
+    assert!(ended.stdout.ends_with("job.json\n"), "{}", ended.stdout);
+    for said in ["mix.volume_fraction is 0.4", "mix.d_min_mm is", "a cube of 80 mm", "chance of success"] {
+        assert!(ended.stderr.contains(said), "{said}: {}", ended.stderr);
+    }
+    let job = results::json_in(&here.join("job.json"));
+    assert_eq!(job["mix"]["grading"]["points"], json!(POINTS), "{job:#}");
+    assert_eq!((&job["mix"]["volume_fraction"], &job["mix"]["d_min_mm"]), (&json!(0.4), &json!(4.0)));
+    let packed = packstone(here, &["run", "job.json", "--out", "made"]).await;
+    assert_eq!(packed.code, Some(0), "{packed:?}");
+    // What is there is kept, before anything is read.
+    let again = packstone(here, &["mix", "read", "curve.csv", "--out", "job.json"]).await;
+    assert!(again.code == Some(3) && again.stderr.contains("--force"), "{again:?}");
+    assert_eq!(
+        packstone(here, &["mix", "read", "curve.csv", "--out", "job.json", "--force"]).await.code,
+        Some(0)
+    );
+}
+
+#[tokio::test]
 async fn the_command_prints_the_answer_of_the_service() {
     let directory = tempfile::tempdir().unwrap();
     let data_dir = DataDir::new();
@@ -88,6 +172,38 @@ async fn the_command_prints_the_answer_of_the_service() {
         assert_eq!(ended.code, Some(if may_use { 0 } else { 3 }), "{printed:#}");
     }
     server.stop().await;
+}
+
+#[tokio::test]
+async fn candidates_are_numbered_with_what_chooses_each() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    write(here, "two.csv", TWO);
+    let ended = packstone(here, &["mix", "read", "two.csv", "--out", "job.json"]).await;
+    assert_eq!(ended.code, Some(3), "{ended:?}");
+    assert!(ended.stderr.contains("choose one") && !here.join("job.json").exists(), "{ended:?}");
+    let json = packstone(here, &["mix", "read", "two.csv", "--json"]).await;
+    let reading: Value = serde_json::from_str(&json.stdout).unwrap();
+    let candidates = reading["candidates"].as_array().unwrap();
+    for (i, candidate) in candidates.iter().enumerate() {
+        let number = (i + 1).to_string();
+        let line = ended.stdout.lines().find(|line| line.split_whitespace().next() == Some(&*number));
+        let line = line.unwrap_or_else(|| panic!("{number}: {}", ended.stdout));
+        let choice = &line[line.rfind("  --").expect("an option")..];
+        // As a shell takes it.
+        let command = format!("\"$0\" mix read two.csv --json {choice}");
+        let mut shell = Command::new("sh");
+        shell.args(["-c", &command, env!("CARGO_BIN_EXE_packstone")]).current_dir(here);
+        let chosen = run(shell).await;
+        assert_eq!(chosen.code, Some(0), "{choice}: {chosen:?}");
+        let chosen: Value = serde_json::from_str(&chosen.stdout).unwrap();
+        assert_eq!(chosen["request"], candidate["request"], "{choice}");
+        let by_number = packstone(here, &["mix", "read", "two.csv", "--json", "--choose", &number]).await;
+        let by_number: Value = serde_json::from_str(&by_number.stdout).unwrap();
+        assert_eq!(by_number["request"], candidate["request"]);
+    }
+    let beyond = packstone(here, &["mix", "read", "two.csv", "--choose", "99"]).await;
+    assert!(beyond.code == Some(3) && beyond.stderr.contains("must be at most"), "{beyond:?}");
 }
 
 #[tokio::test]

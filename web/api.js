@@ -64,17 +64,19 @@ export async function signOut() {
  * Sends a request; the answer is one of status 2xx or 304.
  * @param {string} method
  * @param {string} path of the service, wherever it lies
- * @param {any} [body] sent as JSON where it is there
+ * @param {any} [body] a file is sent as it is, all else as JSON
  * @param {Options} [options]
  * @returns {Promise<Response>}
  * @throws {Problem} for any other answer, and with status 0 where the server does not answer
  */
 export async function request(method, path, body, options = {}) {
   const headers = new Headers(options.headers);
-  if (body !== undefined && !headers.has("content-type")) headers.set("content-type", "application/json");
+  const isFile = body instanceof Blob;
+  const type = isFile ? body.type || "application/octet-stream" : "application/json";
+  if (body !== undefined && !headers.has("content-type")) headers.set("content-type", type);
   /** @type {RequestInit} */
   const init = { method, headers, signal: options.signal, credentials: "same-origin" };
-  if (body !== undefined) init.body = JSON.stringify(body);
+  if (body !== undefined) init.body = isFile ? body : JSON.stringify(body);
   let answer;
   try {
     answer = await fetch(absolute(path), init);
@@ -87,8 +89,8 @@ export async function request(method, path, body, options = {}) {
     await signIn();
     return request(method, path, body, { ...options, quiet: true });
   }
-  const type = answer.headers.get("content-type") ?? "";
-  throw new Problem(answer.status, type.includes("json") ? await answer.json().catch(() => ({})) : {});
+  const answered = answer.headers.get("content-type") ?? "";
+  throw new Problem(answer.status, answered.includes("json") ? await answer.json().catch(() => ({})) : {});
 }
 
 /**
@@ -104,7 +106,7 @@ export async function get(path, options) {
 /**
  * @param {string} method
  * @param {string} path
- * @param {any} [body] sent as JSON
+ * @param {any} [body] a file is sent as it is, all else as JSON
  * @param {Options} [options]
  * @returns {Promise<any>} the JSON document of the answer; `null` where it has none
  * @throws {Problem}

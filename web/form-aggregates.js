@@ -10,8 +10,16 @@ const EACH = Array.from(document.querySelectorAll("[data-each]"), (part) => part
 /** A share of the volume; 0 for what is no number. @param {number} value */
 const rounded = (value) => Number((value || 0).toPrecision(12));
 
-/** The fields for the aggregate of this number; `Fields` reads them by their pointers. @param {number} i */
-function part(i) {
+/** Whether the aggregates of a mix are stated by their masses in a cubic metre. @param {any} aggregates */
+export const areMasses = (aggregates) =>
+  Array.isArray(aggregates) && aggregates.some((one) => one?.mass_kg_m3 !== undefined);
+
+/**
+ * The fields for the aggregate of this number; `Fields` reads them by their pointers.
+ * @param {number} i
+ * @param {boolean} byMass
+ */
+function part(i, byMass) {
   /** @param {string} id @param {string} label @param {object} attributes */
   const field = (id, label, attributes) =>
     h(
@@ -20,6 +28,19 @@ function part(i) {
       h("label", { for: id }, label),
       h("input", { id, "data-path": `/mix/${id}`, ...attributes }),
     );
+  /** @param {string} id @param {string} label */
+  const quantity = (id, label) =>
+    h(
+      "div",
+      { class: "field" },
+      h("label", { for: id }, label),
+      h(
+        "span",
+        { class: "with-unit" },
+        h("input", { id, inputmode: "decimal", "data-path": `/mix/${id}_kg_m3`, "data-kind": "number" }),
+        h("span", { class: "unit" }, "kg/m³"),
+      ),
+    );
   const body = h(
     "div",
     { class: "stack" },
@@ -27,7 +48,9 @@ function part(i) {
       "div",
       { class: "row" },
       // First: what is wrong with all shares together is said here.
-      field("share", "Volume share", { inputmode: "decimal", "data-kind": "number" }),
+      ...(byMass
+        ? [quantity("mass", "Mass"), quantity("density", "Density")]
+        : [field("share", "Volume share", { inputmode: "decimal", "data-kind": "number" })]),
       field("name", "Name", { type: "text", dir: "auto", maxlength: 64, "data-kind": "text", "data-optional": "" }),
       h(
         "button",
@@ -54,24 +77,27 @@ function part(i) {
 export function aggregateFields(aggregates) {
   if (!Array.isArray(aggregates)) return [];
   return aggregates.map((_, i) =>
-    h("fieldset", { class: "aggregate" }, h("legend", {}, `Aggregate ${i + 1}`), part(i)),
+    h("fieldset", { class: "aggregate" }, h("legend", {}, `Aggregate ${i + 1}`), part(i, areMasses(aggregates))),
   );
 }
 
 /**
- * Adds an aggregate that is as the last one, whose share the two divide. That of a mix of one aggregate is the first.
+ * Adds an aggregate that is as the last one, whose share or mass the two divide. That of a mix of one aggregate is the
+ * first.
  * @param {any} mix as in a request
  */
 export function addAggregate(mix) {
   const { grading, shape, shapes, aggregates = [{ share: 1, grading, shape, shapes }], ...others } = mix;
   const { name: _, ...last } = aggregates.at(-1);
-  const share = rounded(last.share / 2);
-  const added = { ...structuredClone(last), share: rounded(last.share - share) };
-  return { ...others, aggregates: [...aggregates.slice(0, -1), { ...aggregates.at(-1), share }, added] };
+  const part_ = areMasses(aggregates) ? "mass_kg_m3" : "share";
+  const half = rounded(last[part_] / 2);
+  const added = { ...structuredClone(last), [part_]: rounded(last[part_] - half) };
+  return { ...others, aggregates: [...aggregates.slice(0, -1), { ...aggregates.at(-1), [part_]: half }, added] };
 }
 
 /**
- * Removes an aggregate, and gives its share to the one before it. The last but one leaves a mix of one aggregate.
+ * Removes an aggregate, and gives its share or mass to the one before it. The last but one leaves a mix of one
+ * aggregate; its volume fraction is that of its mass.
  * @param {any} mix as in a request
  * @param {number} i
  */
@@ -79,8 +105,12 @@ export function removeAggregate(mix, i) {
   const { aggregates, ...others } = mix;
   const left = aggregates.toSpliced(i, 1);
   const heir = left[Math.max(0, i - 1)];
-  heir.share = rounded(Number(heir.share) + Number(aggregates[i].share));
+  const byMass = areMasses(aggregates);
+  const part_ = byMass ? "mass_kg_m3" : "share";
+  heir[part_] = rounded(Number(heir[part_]) + Number(aggregates[i][part_]));
   if (left.length > 1) return { ...others, aggregates: left };
-  const { name: _, share: __, density_kg_m3: ___, ...only } = left[0];
-  return { ...others, ...only };
+  const { name: _, share: __, mass_kg_m3, density_kg_m3, ...only } = left[0];
+  const fraction = Number((mass_kg_m3 / density_kg_m3).toPrecision(6));
+  const volume = byMass && !others.proportions ? { volume_fraction: fraction } : {};
+  return { ...others, ...volume, ...only };
 }

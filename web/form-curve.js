@@ -17,11 +17,15 @@ const TICKS = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 31.5, 63, 125];
  */
 export function pointsOf(mix, curves) {
   if (!Array.isArray(mix?.aggregates)) return ofOne(mix?.grading, curves);
-  /** @type {{share: number, points: Points}[]} */
-  const parts = mix.aggregates.map((/** @type {any} */ one) => ({
-    share: Number(one?.share),
+  const all = mix.aggregates.map((/** @type {any} */ one) => ({
+    share: Number(one?.share ?? one?.mass_kg_m3 / one?.density_kg_m3),
     points: ofOne(one?.grading, curves),
   }));
+  // Masses give volumes in a cubic metre of concrete.
+  const byMass = mix.aggregates.some((/** @type {any} */ one) => one?.mass_kg_m3 !== undefined);
+  const sum = byMass ? all.reduce((/** @type {number} */ to, /** @type {any} */ { share }) => to + share, 0) : 1;
+  /** @type {{share: number, points: Points}[]} */
+  const parts = all.map((/** @type {any} */ one) => ({ ...one, share: one.share / sum }));
   if (!parts.every(({ share, points }) => share > 0 && points.length)) return [];
   const sieves = new Set(parts.flatMap(({ points }) => points.map(([d]) => d)));
   return [...sieves]
@@ -45,6 +49,13 @@ function ofOne(grading, curves) {
         : [];
     case "sieves":
       return (grading.points ?? []).filter((/** @type {any} */ p) => p?.[0] > 0 && p[1] >= 0 && p[1] <= 1);
+    case "classes": {
+      let passing = 0;
+      return (Array.isArray(grading.classes) ? grading.classes : []).flatMap((/** @type {any} */ one) => [
+        [one.d_min_mm, passing],
+        [one.d_max_mm, (passing += one.mass_fraction)],
+      ]);
+    }
     case "monodisperse":
       return grading.diameter_mm > 0
         ? [

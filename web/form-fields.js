@@ -126,6 +126,7 @@ export class Fields {
 
   /** @param {Control} control */
   #fillOne(control) {
+    delete control.dataset.fault;
     const value = getAt(this.base, control.dataset.path ?? "");
     const hidden = control.closest("[hidden]");
     const { start = "", default: standard = "" } = control.dataset;
@@ -180,8 +181,10 @@ export class Fields {
     const [companion, needed] = (control.dataset.with ?? "").split("=");
     if (companion) setAt(request, companion, needed);
     if (control.dataset.kind === "sieves") {
+      // A table that is not the rows of points is read first.
       const { points, fault } = sieves(control.value);
-      if (fault) faults.push({ pointer: path, detail: fault });
+      const detail = control.dataset.fault || fault;
+      if (detail) faults.push({ pointer: path, detail });
       setAt(request, path, points);
     } else if (control.dataset.kind === "number") {
       const fault = faultOf(words);

@@ -9,12 +9,13 @@ import { byId, duration, h, number, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
 import { CodePart } from "./form-code.js";
 import { curve, pointsOf } from "./form-curve.js";
-import { addAggregate, removeAggregate } from "./form-aggregates.js";
+import { addAggregate, areMasses, removeAggregate } from "./form-aggregates.js";
 import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
 import { materialFields } from "./form-materials.js";
 import { grains, showFaults, showPlan } from "./form-plan.js";
 import { setAt } from "./form-pointer.js";
+import { mixWith, Tables } from "./form-tables.js";
 import { report, shell } from "./shell.js";
 
 /** Time after the last change until the plan is asked for, in ms. */
@@ -39,6 +40,7 @@ const fields = new Fields(/** @type {HTMLFormElement} */ (form));
 let study = null;
 /** The study that it shows at first. @type {any} */
 let given = { grid: {}, replicates: 10 };
+const tables = new Tables(form, takeMix, () => changed());
 const code = new CodePart(byId("code"), (request) => fill(request));
 
 /** @type {{name: string, points: [number, number][]}[]} */
@@ -123,6 +125,7 @@ function changed() {
     const select = /** @type {HTMLSelectElement | null} */ (place.parentElement?.querySelector("[id$=preset]"));
     text(place, presets.find((preset) => preset.name === select?.value)?.about ?? "");
   }
+  byId("volume_fraction").setAttribute("placeholder", areMasses(job.mix?.aggregates) ? "of the masses" : "");
   const points = pointsOf(job.mix, curves);
   replace(byId("drawing"), drawing(job.specimen, points.at(-1)?.[0] ?? null));
   code.set(request);
@@ -192,6 +195,14 @@ function use(pointer, value) {
   fields.at(pointer)?.focus();
 }
 
+/** Takes the mix of a table. @param {any} mix */
+function takeMix(mix) {
+  const { request } = fields.read();
+  request.mix = mixWith(request.mix, mix);
+  fields.fill(request);
+  changed();
+}
+
 /**
  * Changes the aggregates of the mix, and goes to a field.
  * @param {(mix: any) => any} change
@@ -259,10 +270,12 @@ function start() {
 }
 
 shell();
-form.addEventListener("input", changed);
+form.addEventListener("input", (event) => {
+  if (!tables.typed(event)) changed();
+});
 form.addEventListener("change", changed);
 byId("add-aggregate").addEventListener("click", () =>
-  aggregates(addAggregate, (mix) => `aggregate-${mix.aggregates.length - 1}-share`),
+  aggregates(addAggregate, ({ aggregates: all }) => `aggregate-${all.length - 1}-${areMasses(all) ? "mass" : "share"}`),
 );
 byId("aggregates").addEventListener("click", (event) => {
   const i = /** @type {HTMLElement} */ (event.target).dataset.remove;

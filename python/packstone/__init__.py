@@ -46,6 +46,7 @@ from .jobs import Job
 from .local import forecast, pack
 from .local_studies import LocalStudy, study
 from .packings import Packing
+from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
 from .studies import Study, steps
 from .svg import Svg
 from .view import View
@@ -71,6 +72,13 @@ __all__ = [
     "LocalStudy",
     "Method",
     "Mix",
+    "MixBand",
+    "MixCandidate",
+    "MixCurve",
+    "MixNote",
+    "MixPart",
+    "MixReading",
+    "MixRecipe",
     "Packing",
     "PackstoneError",
     "PackstoneWarning",

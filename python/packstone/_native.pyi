@@ -24,6 +24,16 @@ def main(args: list[str]) -> int:
 def plan(request: str, max_grains: int | None = None) -> str:
     """Returns the plan of a job, as ``POST /v1/plans`` answers it."""
 
+def read_mix(
+    table: bytes,
+    *,
+    sheet: str | None = None,
+    curve: str | None = None,
+    column: str | None = None,
+    unit: str | None = None,
+) -> str:
+    """Returns what was understood of a grading or a recipe, as ``POST /v1/mixes/read`` answers it."""
+
 def pack(
     request: str,
     *,

@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
+from . import readings
+
 if TYPE_CHECKING:
     from datetime import datetime
+    from os import PathLike
 
     import numpy as np
     from numpy.typing import ArrayLike
@@ -357,6 +360,22 @@ class Mix(_Fields):
             size=size,
             orientation=orientation,
         )
+
+    @staticmethod
+    def read(
+        table: str | PathLike[str] | bytes,
+        sheet: str | None = None,
+        curve: str | None = None,
+        column: str | None = None,
+        unit: readings.SieveUnit | None = None,
+    ) -> readings.MixReading:
+        """Reads a grading or a recipe as a laboratory prints it, and returns what was understood of it.
+
+        `table` is the path of a text (CSV, tabs, semicolons, HTML, Markdown) or of a workbook (.xlsx, .ods), or the
+        content of such a file; a text of several lines is the table itself. Where several readings fit, `sheet`,
+        `curve` (or the recipe), `column` (its head, its letter in a workbook, or its number from 1) and `unit` choose.
+        """
+        return readings.read(table, sheet, curve, column, unit)
 
 
 class Distance(_Fields):

@@ -118,6 +118,20 @@ fn plan(py: Python<'_>, request: &str, max_grains: Option<u64>) -> PyResult<Stri
     py.detach(|| Job::read(request, max_grains, None)?.plan()).map_err(raised)
 }
 
+/// Returns what was understood of a grading or a recipe, as JSON.
+#[pyfunction]
+#[pyo3(signature = (table, *, sheet=None, curve=None, column=None, unit=None))]
+fn read_mix(
+    py: Python<'_>,
+    table: &[u8],
+    sheet: Option<String>,
+    curve: Option<String>,
+    column: Option<String>,
+    unit: Option<String>,
+) -> PyResult<String> {
+    py.detach(|| local::read_mix(table, sheet, curve, column, unit)).map_err(raised)
+}
+
 /// Returns what belongs beside the file of an export, as the script of a mesh: what its name adds, and its text.
 #[pyfunction]
 fn companion(r#type: &str, options: &str, file_name: &str) -> PyResult<Option<(&'static str, String)>> {
@@ -263,6 +277,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Packing>()?;
     module.add_function(wrap_pyfunction!(pack, module)?)?;
     module.add_function(wrap_pyfunction!(plan, module)?)?;
+    module.add_function(wrap_pyfunction!(read_mix, module)?)?;
     module.add_function(wrap_pyfunction!(companion, module)?)?;
     module.add_class::<Study>()?;
     module.add_function(wrap_pyfunction!(run_of_study, module)?)?;

@@ -75,6 +75,7 @@ test("sieves pasted from a spreadsheet, falling, with a head, decimal commas and
   await planned(page);
   await page.selectOption("#grading", "sieves");
   await page.fill("#points", "Sieve in mm\tPassing in %\n16\t100\n8\t60,5\n4\t36\n2\t21\n");
+  await page.waitForFunction(() => /** @type {any} */ (document.getElementById("points")).value.startsWith("2\t21\n"));
   await planned(page);
   const { mix } = await request(page);
   assert.deepEqual(mix.grading, {
@@ -86,11 +87,37 @@ test("sieves pasted from a spreadsheet, falling, with a head, decimal commas and
       [16, 1],
     ],
   });
-  await page.fill("#points", "16\t100\n8\tsixty\n");
-  await page.waitForFunction(() => document.getElementById("points-fault")?.textContent);
-  assert.match(await page.innerText("#points-fault"), /Row 2/);
-  await page.fill("#points", "16\t100\n8\t60\n4\t99\n");
+  await page.fill("#points", "16\t100\n8\tsixty\n4\t30\n2\t12\n");
+  await page.waitForFunction(() => document.getElementById("points-fault")?.textContent?.includes("Row 2"));
+  assert.equal(await page.getAttribute("#points", "aria-invalid"), "true");
+  clean();
+  await close();
+});
+
+test("points are typed by hand without the service", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: REFUSED });
+  await planned(page);
+  /** @type {string[]} */
+  const read = [];
+  page.on("request", (sent) => void (sent.url().includes("/v1/mixes/") && read.push(sent.url())));
+  await page.selectOption("#grading", "sieves");
+  await page.focus("#points");
+  await page.keyboard.press("Control+A");
+  await page.keyboard.type("16 100\n4 36,5\n8;60\n2");
+  await page.waitForFunction(() => document.getElementById("points-fault")?.textContent?.includes("Row 4"));
+  await page.keyboard.type(" 21");
+  await planned(page);
+  assert.deepEqual((await request(page)).mix.grading.points, [
+    [2, 0.21],
+    [4, 0.365],
+    [8, 0.6],
+    [16, 1],
+  ]);
+  await page.keyboard.press("Backspace");
+  await page.keyboard.press("Backspace");
+  await page.keyboard.type("99");
   await page.waitForFunction(() => document.getElementById("points-fault")?.textContent?.includes("not fall"));
+  assert.deepEqual(read, []);
   clean();
   await close();
 });

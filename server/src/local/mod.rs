@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use packstone_engine::export::ExportError;
+use packstone_engine::importer::{self, ReadOptions, Unit};
 use packstone_engine::{
     CheckpointError, FieldError, Limits, PackError, PackingRequest, Resume, TemplateCache, checkpoint,
 };
@@ -103,6 +104,23 @@ impl From<PlotError> for Ended {
             PlotError::Failed(error) => Self::Io(error),
         }
     }
+}
+
+/// What was understood of a grading or a recipe, in the form of the answer to `POST /v1/mixes/read`, as JSON.
+///
+/// # Errors
+/// [`Ended::Refused`] where the unit has no such name.
+pub fn read_mix(
+    table: &[u8],
+    sheet: Option<String>,
+    curve: Option<String>,
+    column: Option<String>,
+    unit: Option<String>,
+) -> Result<String, Ended> {
+    if let Some(unit) = &unit {
+        named(&Unit::ALL, Unit::name, "unit", unit)?;
+    }
+    to_json(&importer::read(table, &ReadOptions { sheet, curve, column, unit }))
 }
 
 /// A job that was read.

@@ -9,6 +9,9 @@ const PLACED_RANGE: f64 = 8.0;
 /// Volume of aggregate over that of the specimen.
 const VOLUME_FRACTION: f64 = 0.4;
 
+/// Largest grain where the table has no size: that of most concretes.
+const UNKNOWN_LARGEST_MM: f64 = 32.0;
+
 /// A job of the mix of a request, and a sentence for each of its values that the request does not have.
 pub(super) fn of_mix(request: &Value) -> (Value, Vec<String>) {
     let mut mix = request["mix"].clone();
@@ -69,11 +72,16 @@ fn largest(mix: &Value, sieves: &[f64]) -> f64 {
         all.reduce(f64::min)
     };
     let of_curves = points(mix).filter_map(of_curve).reduce(f64::max);
-    let named = |name: &str| gradings(mix, |of| of.pointer(name)?.as_f64()).reduce(f64::max);
+    let of_classes = gradings(mix, |of| {
+        let classes = of.pointer("/grading/classes")?.as_array()?;
+        classes.iter().filter_map(|class| class["d_max_mm"].as_f64()).reduce(f64::max)
+    });
     let found = of_curves
         .or_else(|| sieves.iter().copied().reduce(f64::max))
-        .or_else(|| named("/grading/d_max_mm"))
-        .unwrap_or(32.0);
+        .into_iter()
+        .chain(of_classes)
+        .reduce(f64::max)
+        .unwrap_or(UNKNOWN_LARGEST_MM);
     mix.get("d_max_mm").and_then(Value::as_f64).map_or(found, |most| most.min(found))
 }
 
