@@ -159,6 +159,7 @@ test("a recipe fills aggregates and proportions", inBrowser, async () => {
   assert.equal(mix.proportions.cement_kg_m3, 350);
   assert.equal(await page.inputValue("#cement"), "350");
   assert.match(await page.innerText("#reading"), /Sum of volumes without air/);
+  await planned(page);
   await accessible();
   // What is pasted into the field of an aggregate is its curve.
   await page.selectOption("#aggregate-1-grading", "sieves");
