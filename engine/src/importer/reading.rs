@@ -308,8 +308,8 @@ fn of_table(
     Err(refusal)
 }
 
-/// The readings of a table without a word, whose sieves may be in any column; `None` where they are in the first one that
-/// can be, or in none.
+/// The readings of a table without a word, whose sieves may be in any column; `None` where they are in the first one
+/// that can be, or in none.
 fn by_any_column(
     table: &Table,
     decimal: Decimal,

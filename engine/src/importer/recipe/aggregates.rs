@@ -79,8 +79,8 @@ impl<'a> Assembly<'a> {
         })
     }
 
-    /// What makes percentages of the aggregates that have no unit where the other parts have one: 1 where they sum to 100,
-    /// and 100 where they sum to 1.
+    /// What makes percentages of the aggregates that have no unit where the other parts have one: 1 where they sum to
+    /// 100, and 100 where they sum to 1.
     pub(super) fn shares(&self) -> Option<f64> {
         if self.basis == Basis::Bare {
             return None;

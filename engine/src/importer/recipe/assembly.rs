@@ -1,5 +1,5 @@
-//! From the amounts that are printed to the contents of a cubic metre: water by its kinds, ratios, percentages, batches,
-//! totals.
+//! From the amounts that are printed to the contents of a cubic metre: water by its kinds, ratios, percentages,
+//! batches, totals.
 
 use super::super::answer::{Recipe, RecipeAddition, RecipeAggregate};
 use super::super::{Note, Refusal};

@@ -1,4 +1,5 @@
-//! From the rows of parts to recipes as they are printed: which rows are heads, titles and parts, and where one recipe ends.
+//! From the rows of parts to recipes as they are printed: which rows are heads, titles and parts, and where one recipe
+//! ends.
 
 use super::super::Refusal;
 use super::super::number::Decimal;

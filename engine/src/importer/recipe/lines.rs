@@ -67,8 +67,8 @@ fn segments(line: &str) -> Vec<&str> {
     found
 }
 
-/// The one pair of a text. Where amounts end in something else, the next place to look is behind it, so that a line is read
-/// once.
+/// The one pair of a text. Where amounts end in something else, the next place to look is behind it, so that a line is
+/// read once.
 fn pair(text: &str, decimal: Decimal) -> Option<Pair> {
     let mut behind = 0;
     for (at, sign) in text.match_indices([':', '=', '…', '\t']) {

@@ -1,9 +1,9 @@
 //! Reads recipes of concrete: rows of cement, water, additions, air and aggregates, in the units of laboratories.
 //!
 //! A table becomes rows of parts whichever way it is printed (`grid`), these become the recipes that are printed
-//! (`layout`) or a ratio (`ratio`), and these the contents of a cubic metre (`amounts`, `assembly`, `scale`). The volumes
-//! of all parts are summed by their densities, so that a mass in a wrong unit shows (`checks`). What a recipe leaves open,
-//! the mass of a bag or a bulk density, is asked.
+//! (`layout`) or a ratio (`ratio`), and these the contents of a cubic metre (`amounts`, `assembly`, `scale`). The
+//! volumes of all parts are summed by their densities, so that a mass in a wrong unit shows (`checks`). What a recipe
+//! leaves open, the mass of a bag or a bulk density, is asked.
 
 mod aggregates;
 mod amounts;

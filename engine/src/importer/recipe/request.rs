@@ -24,8 +24,8 @@ enum Source<'a> {
 }
 
 /// `{"mix": {…}}` of a recipe: its aggregates by their masses, its cement, water and additions. An aggregate has the
-/// curve of its name, else one class of the sizes in its name, else no grading. `None` where the recipe has no aggregate
-/// or more than a request takes.
+/// curve of its name, else one class of the sizes in its name, else no grading. `None` where the recipe has no
+/// aggregate or more than a request takes.
 pub(in super::super) fn request(recipe: &Recipe, curves: &[Curve]) -> Option<Value> {
     if recipe.aggregates.is_empty() || recipe.aggregates.len() > MAX_AGGREGATES {
         return None;
