@@ -83,11 +83,11 @@ async fn what_is_no_mix_has_an_answer_and_what_is_no_request_has_none() {
     let data_dir = DataDir::new();
     let server = Server::start(&data_dir).await;
     let client = server.client();
-    // Each body is answered, that of nothing too; the reason is in the notes.
+    // The body of a file is answered whatever it has; the reason is in the notes.
     let long = "1 2\n".repeat((1 << 20) / 4 + 1);
     for (body, why) in [
         (&b"%PDF-1.7"[..], "PDF"),
-        (b"", "empty"),
+        (b" \r\n", "empty"),
         (b"PK\x03\x04 and no more", "workbook"),
         (b"Dear sir,\nthe sand was good.\n", ""),
         (long.as_bytes(), "1048576"),
@@ -97,6 +97,8 @@ async fn what_is_no_mix_has_an_answer_and_what_is_no_request_has_none() {
         let notes = texts(&reading);
         assert!(why.is_empty() || notes.iter().any(|text| text.contains(why)), "{why}: {notes:?}");
     }
+    let nothing = client.post("/v1/mixes/read").send().await.expect_problem(422, "validation-error");
+    assert!(nothing["detail"].as_str().unwrap().contains("is empty"), "{nothing:#}");
     for (query, parameter, says) in [
         ("?colum=2", "colum", "sheet, curve, column, unit"),
         ("?unit=furlong", "unit", "mm, um, in, us_sieve, bs_mesh, tyler_mesh, phi"),

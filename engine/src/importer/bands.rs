@@ -3,7 +3,7 @@
 use super::block::{Block, BlockColumn};
 use super::curve::{About, rounded};
 use super::heads::Role;
-use super::units::Sizes;
+use super::sieve_units::Sizes;
 use super::values::Cell;
 use super::{Band, Meaning, Refusal};
 
@@ -72,7 +72,8 @@ fn band(
         let (low, high) = (low.unwrap_or(0.0), high.unwrap_or(whole));
         if low > high || high > whole || low < 0.0 {
             let text = format!(
-                "the limits {low} and {high} at {mm} mm: the lower one must not be above the upper one, and both must be \
+                "the limits {low} and {high} at {mm} mm: the lower one must not be above the upper one, and both \
+                 must be \
                  from 0 to {whole}"
             );
             return Err(Refusal::at(*line, text).in_cell(cell.clone()));

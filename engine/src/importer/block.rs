@@ -1,11 +1,12 @@
 //! Finds gradings in a table: rows that begin with a sieve, below their heads.
 
+use super::head_rows::{joined, parted};
 use super::heads::{Head, Role, head};
 use super::number::{Decimal, quantity};
-use super::sieve::{Label, Size, Unit, label, phi_label};
+use super::openings::Unit;
+use super::sieve::{Label, Size, label, phi_label};
 use super::table::{Row, Table};
 use super::values::{Cell, cell};
-use super::words::fold;
 use crate::request::MAX_CURVE_POINTS;
 
 /// A grading in a table.
@@ -193,7 +194,10 @@ fn is_size_again(table: &Table, sieves: usize, column: usize, decimal: Decimal) 
             None => vec![Unit::UsSieve, Unit::BsMesh, Unit::Inch, Unit::Mm],
         };
         let other = other.unit.unwrap_or(Unit::Mm).mm(other.number);
-        let is_equal = |unit: Unit| matches!((unit.mm(size.number), other), (Some(a), Some(b)) if (a / b - 1.0).abs() < 0.1);
+        let is_equal = |unit: Unit| match (unit.mm(size.number), other) {
+            (Some(a), Some(b)) => (a / b - 1.0).abs() < 0.1,
+            _ => false,
+        };
         pairs += 1;
         equal += usize::from(units.into_iter().any(is_equal));
     }
@@ -370,24 +374,6 @@ fn repeats(block: &Block, heads: &[&Row], sieves: usize, columns: &[usize]) -> b
         })
 }
 
-/// The heads of a column in one text. In rows of heads above the last, an empty cell belongs to the one on its left.
-fn joined(heads: &[&Row], column: usize) -> String {
-    let mut cells: Vec<&str> = Vec::new();
-    for (number, row) in heads.iter().enumerate() {
-        let is_last = number + 1 == heads.len();
-        let own = row.cell(column);
-        let text = if own.is_empty() && !is_last {
-            (0..column).rev().map(|left| row.cell(left)).find(|cell| !cell.is_empty()).unwrap_or("")
-        } else {
-            own
-        };
-        if !text.is_empty() && !cells.contains(&text) {
-            cells.push(text);
-        }
-    }
-    cells.join(" ")
-}
-
 /// A grading without rows.
 fn begun(table: &Table, heads: &[&Row], sieves: usize, columns: &[usize]) -> Block {
     let filled = |row: &Row| row.cells.iter().filter(|cell| !cell.is_empty()).count();
@@ -431,54 +417,6 @@ fn begun(table: &Table, heads: &[&Row], sieves: usize, columns: &[usize]) -> Blo
     Block { title, line, sieves: sieve_head, rows: Vec::new(), columns, unknown: Vec::new() }
 }
 
-/// Whether a head is about sums alone, so that it begins another head after one that says what is summed.
-fn is_cumulative(head: &Head) -> bool {
-    use crate::importer::Meaning::{CumulativeRetained, Passing};
-    head.meanings == [CumulativeRetained, Passing]
-}
-
-/// The heads of a line without columns, as many as there are columns: a head ends after a bracket or a percent sign,
-/// and where words of another kind begin.
-fn parted(line: &str, columns: usize) -> Option<Vec<String>> {
-    let words: Vec<&str> = line.split_whitespace().collect();
-    if words.len() == columns {
-        return Some(words.iter().map(|&word| word.to_owned()).collect());
-    }
-    let mut parts: Vec<Vec<&str>> = Vec::new();
-    let mut open = false;
-    for word in words {
-        let joins = open || word.starts_with(['(', '[']);
-        let begins = parts.last().is_none_or(|part| {
-            let last = part.last().copied().unwrap_or("");
-            let so_far = head(&part.join(" "));
-            let next = head(word);
-            let ends = last.ends_with([')', ']'])
-                || (last.ends_with('%') && part.len() > 1 && !is_cumulative(&so_far));
-            let is_value = |of: &Head| of.role != Role::Sieve && !of.meanings.is_empty();
-            let is_second = next.role == Role::Sieve
-                && so_far.role == Role::Sieve
-                && matches!(
-                    fold(last).trim().trim_end_matches('.'),
-                    "no" | "n.o" | "#" | "number" | "mm" | "in"
-                );
-            let changes = is_second
-                || (so_far.role == Role::Sieve && (is_value(&next) || word == "%"))
-                || (is_value(&so_far)
-                    && (word == "%" && !is_cumulative(&so_far)
-                        || (is_cumulative(&next) && !is_cumulative(&so_far))))
-                || (is_value(&so_far) && next.role == Role::Sieve);
-            ends || changes
-        });
-        open = (open || word.starts_with(['(', '['])) && !word.ends_with([')', ']']);
-        match parts.last_mut() {
-            Some(part) if joins || !begins => part.push(word),
-            _ => parts.push(vec![word]),
-        }
-    }
-    // Columns on the right may be empty.
-    (parts.len() >= columns).then(|| parts.iter().take(columns).map(|part| part.join(" ")).collect())
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -512,15 +450,5 @@ mod tests {
         );
         let pages = found("Sieve;Passing\n8;100\n4;50\nSieve;Passing\n2;30\n1;20\n");
         assert_eq!(pages.len(), 1, "a head that is repeated");
-    }
-
-    #[test]
-    fn heads_of_a_line_without_columns_are_parted() {
-        assert_eq!(parted("Sieve size (mm) Passing (%)", 2).unwrap(), ["Sieve size (mm)", "Passing (%)"]);
-        assert_eq!(
-            parted("Sieve Weight retained (g) % retained Cumulative % retained % passing", 5).unwrap(),
-            ["Sieve", "Weight retained (g)", "% retained", "Cumulative % retained", "% passing"]
-        );
-        assert_eq!(parted("Sieve A16 B16 C16", 4).unwrap(), ["Sieve", "A16", "B16", "C16"]);
     }
 }

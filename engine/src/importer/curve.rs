@@ -174,7 +174,8 @@ fn of_shares(entries: &[Entry], meaning: Meaning) -> Result<Vec<Fit>, Refusal> {
             let entry = if a.line > b.line { a } else { b };
             let direction = if meaning == Meaning::Passing { "fall" } else { "rise" };
             return Err(entry.fault(format!(
-                "the {words} must not {direction} towards coarser sieves: it is {before} at {d_before} mm and {after} at \
+                "the {words} must not {direction} towards coarser sieves: it is {before} at {d_before} mm and \
+                 {after} at \
                  {d_after} mm"
             )));
         }
@@ -291,7 +292,8 @@ fn of_parts(entries: &[Entry], meaning: Meaning, notes: &mut Vec<Note>) -> Resul
         if difference > TOLERANCE {
             let unit = if whole > 1.0 { " %" } else { "" };
             return Err(last.fault(format!(
-                "the values sum to {shown}{unit}: must be {whole}{unit}, to 1 %; add what is missing (the pan, a sieve), \
+                "the values sum to {shown}{unit}: must be {whole}{unit}, to 1 %; add what is missing (the pan, a \
+                 sieve), \
                  or name the column by what it is (passing, cumulative retained, mass in g)"
             )));
         }
@@ -320,7 +322,8 @@ fn compare(sum: f64, whole: f64, entry: &Entry, what: &str, notes: &mut Vec<Note
     let difference = (sum - whole).abs();
     if difference > TOLERANCE * whole.abs() {
         return Err(entry.fault(format!(
-            "{what} is {whole}, and the rows sum to {sum}: must agree to 1 %; add the row that is missing (the pan), or \
+            "{what} is {whole}, and the rows sum to {sum}: must agree to 1 %; add the row that is missing (the \
+             pan), or \
              correct the wrong value"
         )));
     }
@@ -379,7 +382,8 @@ fn parts(entries: &[Entry]) -> Result<Parts, Refusal> {
         let inside = sieves.iter().find(|(mm, _)| *mm > low * 1.001 && *mm < high * 0.999);
         if let Some((mm, _)) = inside {
             return Err(entry.fault(format!(
-                "the class from {low} to {high} mm has the bound {mm} mm of another one inside: classes must not overlap"
+                "the class from {low} to {high} mm has the bound {mm} mm of another one inside: classes must not \
+                 overlap"
             )));
         }
     }
@@ -428,7 +432,8 @@ fn finished(
             return Err(at(
                 coarsest,
                 format!(
-                    "{percent} % pass the coarsest sieve, {coarsest} mm: all of the mass must; add the coarser sieves (from \
+                    "{percent} % pass the coarsest sieve, {coarsest} mm: all of the mass must; add the coarser \
+                     sieves (from \
                  {} % on, the next sieve of the series is added, here {next} mm)",
                     100.0 * LEAST_TOP
                 ),

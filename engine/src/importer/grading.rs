@@ -7,8 +7,9 @@
 use super::bands::{bands, is_limit};
 use super::block::{Block, BlockColumn};
 use super::curve::{About, Entry, Fit, fits, rounded};
-use super::sieve::{Label, Unit};
-use super::units::{Sizes, check_rows, sizes, sizes_of, unknown_sizes};
+use super::openings::Unit;
+use super::sieve::Label;
+use super::sieve_units::{Sizes, check_rows, sizes, sizes_of, unknown_sizes};
 use super::values::Cell;
 use super::{Band, Curve, Meaning, Note, Refusal};
 
@@ -246,7 +247,8 @@ const fn order(meaning: Meaning) -> usize {
 fn contradiction(block: &Block, found: &[(&BlockColumn, Vec<Fit>)], heads: &str) -> Refusal {
     let text = |mm: f64, a: f64, b: f64| {
         format!(
-            "the columns \"{heads}\" contradict each other: by them {} % and {} % pass {mm} mm; correct the wrong one, or \
+            "the columns \"{heads}\" contradict each other: by them {} % and {} % pass {mm} mm; correct the wrong \
+             one, or \
              choose one by `column`",
             rounded(100.0 * a),
             rounded(100.0 * b)

@@ -1,7 +1,8 @@
 //! What the head of a column says about its values, in German, English, French, Spanish, Portuguese and Italian.
 
 use super::Meaning;
-use super::sieve::{Unit, unit_of_head};
+use super::openings::Unit;
+use super::sieve::unit_of_head;
 use super::words::{fold, has, position};
 
 /// What a column is for.
@@ -31,311 +32,58 @@ pub(super) struct Head {
     pub(super) name: Option<String>,
 }
 
-const SIEVE: [&str; 43] = [
-    "sieve",
-    "sieb",
-    "siebe",
-    "siebgrosse",
-    "siebweite",
-    "sieboffnung",
-    "maschenweite",
-    "korngrosse",
-    "korndurchmesser",
-    "kornklasse",
-    "korngruppe",
-    "kornung",
-    "lochweite",
-    "opening",
-    "aperture",
-    "mesh",
-    "screen",
-    "tamis",
-    "maille",
-    "ouverture",
-    "diametre",
-    "tamiz",
-    "malla",
-    "abertura",
-    "luz",
-    "peneira",
-    "malha",
-    "setaccio",
-    "staccio",
-    "vaglio",
-    "maglia",
-    "apertura",
-    "crivello",
-    "diametro",
-    "particle size",
-    "grain size",
-    "size",
-    "diameter",
-    "phi",
-    "d",
-    "size fraction",
-    "openning",
-    "abmessung",
-];
-const PASSING: [&str; 30] = [
-    "pass",
-    "passing",
-    "durchgang",
-    "siebdurchgang",
-    "siebdurchgange",
-    "finer",
-    "undersize",
-    "through",
-    "tamisat",
-    "tamise",
-    "passant",
-    "pasa",
-    "pasante",
-    "pasado",
-    "passante",
-    "passa",
-    "passato",
-    "passata",
-    "cernido",
-    "smaller",
-    "fines",
-    "durchgange",
-    "passing%",
-    "que passa",
-    "p d",
-    "f d",
-    "q3",
-    "passed",
-    "summenlinie",
-    "summenkurve",
-];
-const RETAINED: [&str; 20] = [
-    "retain",
-    "retained",
-    "ruckstand",
-    "siebruckstand",
-    "siebruckstande",
-    "refus",
-    "retenid",
-    "retenu",
-    "retid",
-    "trattenut",
-    "oversize",
-    "residue",
-    "residu",
-    "residuo",
-    "ruckhalt",
-    "coarser",
-    "held",
-    "ret",
-    "ret.",
-    "ruckstande",
-];
-const CUMULATIVE: [&str; 19] = [
-    "cum",
-    "cum.",
-    "cumul",
-    "cumulative",
-    "kumul",
-    "acum",
-    "acum.",
-    "acumulad",
-    "accumul",
-    "aufsummiert",
-    "summe",
-    "summen",
-    "summiert",
-    "sum",
-    "total",
-    "gesamt",
-    "acom",
-    "acomul",
-    "kumuliert",
-];
-const MASS: [&str; 22] = [
-    "mass", "masse", "weight", "wt", "wt.", "gewicht", "poids", "peso", "pesos", "massa", "grams", "gramm",
-    "grammes", "gramos", "gramas", "grammi", "g", "kg", "einwaage", "gr", "gr.", "menge",
-];
-const PERCENT: [&str; 10] = [
-    "%",
-    "percent",
-    "per cent",
-    "prozent",
-    "pourcent",
-    "porcentaje",
-    "porcentagem",
-    "percentuale",
-    "pct",
-    "por ciento",
-];
+const SIEVE: &str = "\
+    sieve|sieb|maschenweite|korngrosse|korndurchmesser|kornklasse|korngruppe|kornung|lochweite|opening|aperture|\
+    mesh|screen|tamis|maille|ouverture|diametre|tamiz|malla|abertura|luz|peneira|malha|setaccio|staccio|vaglio|\
+    maglia|apertura|crivello|diametro|particle size|grain size|size|diameter|phi|d|openning|abmessung";
+const PASSING: &str = "\
+    pass|durchgang|siebdurchgang|finer|undersize|through|tamisat|tamise|pasa|cernido|smaller|fines|que passa|p d|\
+    f d|q3|summenlinie|summenkurve";
+const RETAINED: &str = "\
+    retain|ruckstand|siebruckstand|refus|retenid|retenu|retid|trattenut|oversize|residu|ruckhalt|coarser|held|ret|\
+    ret.";
+const CUMULATIVE: &str = "cum|cum.|cumul|kumul|acum|accumul|aufsummiert|summe|summiert|sum|total|gesamt|acom";
+const MASS: &str =
+    "mass|weight|wt|wt.|gewicht|poids|peso|grams|gramm|gramos|gramas|g|kg|einwaage|gr|gr.|menge";
+const PERCENT: &str = "%|percent|per cent|prozent|pourcent|porcentaje|porcentagem|pct|por ciento";
 /// Words for shares, where masses stand beside them.
-const SHARE: [&str; 9] =
-    ["fraction", "anteil", "share", "part", "proportion", "teilmenge", "proporcion", "proporcao", "fraccion"];
+const SHARE: &str = "fraction|anteil|share|part|proportion|teilmenge|proporcion|proporcao|fraccion";
 /// Words for classes of sizes, of which a unit makes a head of sieves.
-const CLASSES: [&str; 9] =
-    ["fraction", "fraktion", "class", "klasse", "classe", "clase", "range", "fraccion", "fracao"];
-const LIMITS: [&str; 17] = [
-    "limit",
-    "limits",
-    "spec",
-    "specification",
-    "requirement",
-    "envelope",
-    "grenz",
-    "grenze",
-    "grenzen",
-    "sollbereich",
-    "fuseau",
-    "fuso",
-    "huso",
-    "limite",
-    "bereich",
-    "band",
-    "range",
-];
-const LOW: [&str; 14] = [
-    "min",
-    "min.",
-    "lower",
-    "untere",
-    "unterer",
-    "unten",
-    "inferieur",
-    "inferior",
-    "inferiore",
-    "minimum",
-    "low",
-    "mini",
-    "minimo",
-    "untergrenze",
-];
-const HIGH: [&str; 14] = [
-    "max",
-    "max.",
-    "upper",
-    "obere",
-    "oberer",
-    "oben",
-    "superieur",
-    "superior",
-    "superiore",
-    "maximum",
-    "high",
-    "maxi",
-    "maximo",
-    "obergrenze",
-];
-const OTHER: [&str; 23] = [
-    "remark",
-    "remarks",
-    "bemerkung",
-    "date",
-    "datum",
-    "fecha",
-    "nr",
-    "lfd",
-    "item",
-    "note",
-    "notes",
-    "observ",
-    "comment",
-    "modul",
-    "sr.no",
-    "sr",
-    "s.no",
-    "sl",
-    "sl.no",
-    "s.n",
-    "observation",
-    "code",
-    "lab",
-];
+const CLASSES: &str = "fraction|fraktion|class|klasse|clase|range|fraccion|fracao";
+const LIMITS: &str = "limit|spec|requirement|envelope|grenz|sollbereich|fuseau|fuso|huso|bereich|band|range";
+const LOW: &str = "min|min.|lower|untere|unten|inferieur|inferior|low|mini|untergrenze";
+const HIGH: &str = "max|max.|upper|obere|oben|superieur|superior|high|maxi|obergrenze";
+const OTHER: &str = "\
+    remark|bemerkung|date|datum|fecha|nr|lfd|item|note|observ|comment|modul|sr.no|sr|s.no|sl|sl.no|s.n|code|lab";
 /// Words without a meaning of their own.
-const FILLING: [&str; 60] = [
-    "in",
-    "of",
-    "by",
-    "the",
-    "and",
-    "der",
-    "die",
-    "das",
-    "des",
-    "du",
-    "de",
-    "di",
-    "la",
-    "le",
-    "el",
-    "en",
-    "que",
-    "por",
-    "par",
-    "da",
-    "do",
-    "dei",
-    "is",
-    "mm",
-    "µm",
-    "um",
-    "m.-%",
-    "m-%",
-    "vol.-%",
-    "each",
-    "individual",
-    "teil",
-    "partial",
-    "parziale",
-    "parcial",
-    "partiel",
-    "no",
-    "no.",
-    "number",
-    "us",
-    "astm",
-    "a",
-    "on",
-    "than",
-    "individ",
-    "einzel",
-    "mat",
-    "mat.",
-    "material",
-    "q",
-    "gm",
-    "gms",
-    "simple",
-    "simples",
-    "on each sieve",
-    "total",
-    "lb",
-    "lbs",
-    "m",
-    "gew",
-];
+const FILLING: &str = "\
+    in|of|by|the|and|der|die|das|des|du|de|di|la|le|el|en|que|por|par|da|do|dei|is|mm|µm|um|m.-%|m-%|vol.-%|each|\
+    teil|partial|parziale|parcial|partiel|no|no.|number|us|astm|a|on|than|individ|einzel|mat|mat.|material|q|gm|gms|\
+    simple|on each sieve|total|lb|lbs|m|gew";
 
 /// What a head says; an empty head says nothing.
 pub(super) fn head(text: &str) -> Head {
     let folded = fold(text);
     let folded = folded.trim();
-    let is = |words: &[&str]| has(folded, words);
+    let is = |words: &str| has(folded, words);
     let unit = unit_of_head(text);
     // `Siebdurchgang` begins with a word for sieves, `size passing` has one.
-    let (passes, stays) = (is(&PASSING), is(&RETAINED));
-    let (is_low, is_high) = (is(&LOW), is(&HIGH));
+    let (passes, stays) = (is(PASSING), is(RETAINED));
+    let (is_low, is_high) = (is(LOW), is(HIGH));
     let is_bare_unit = !folded.is_empty()
         && unit.is_some()
         && only(folded, &["mm", "µm", "um", "in", "inch", "phi", "micron", "microns", "\""]);
-    let is_class = is(&CLASSES) && unit.is_some();
-    let is_value = passes || stays || is(&["mass %", "weight %"]) || (is(&MASS) && is(&PERCENT));
-    let role = if (!is_value && (is(&SIEVE) || is_class)) || is_bare_unit {
+    let is_class = is(CLASSES) && unit.is_some();
+    let is_value = passes || stays || is("mass %|weight %") || (is(MASS) && is(PERCENT));
+    let role = if (!is_value && (is(SIEVE) || is_class)) || is_bare_unit {
         Role::Sieve
-    } else if is_low && is_high || (is(&LIMITS) && !is_low && !is_high) {
+    } else if is_low && is_high || (is(LIMITS) && !is_low && !is_high) {
         Role::Limits
     } else if is_low {
         Role::Low
     } else if is_high {
         Role::High
-    } else if is(&OTHER) && !passes && !stays {
+    } else if is(OTHER) && !passes && !stays {
         Role::Other
     } else {
         Role::Values
@@ -346,9 +94,9 @@ pub(super) fn head(text: &str) -> Head {
 
 /// The meanings that words allow.
 fn meanings(folded: &str, passes: bool, stays: bool) -> Vec<Meaning> {
-    let cumulative = has(folded, &CUMULATIVE);
-    let is_percent = has(folded, &PERCENT) || folded.contains('%');
-    let is_mass = has(folded, &MASS) && !is_percent && !has(folded, &SHARE);
+    let cumulative = has(folded, CUMULATIVE);
+    let is_percent = has(folded, PERCENT) || folded.contains('%');
+    let is_mass = has(folded, MASS) && !is_percent && !has(folded, SHARE);
     match (passes, stays, cumulative, is_mass) {
         (true, false, _, false) => vec![Meaning::Passing],
         (true, false, _, true) => vec![Meaning::MassPassing, Meaning::Passing],
@@ -375,14 +123,14 @@ fn only(folded: &str, known: &[&str]) -> bool {
 
 /// What remains of a head without the words that say what its values are.
 fn name(text: &str) -> Option<String> {
-    let known: [&[&str]; 11] =
-        [&SIEVE, &PASSING, &RETAINED, &CUMULATIVE, &MASS, &PERCENT, &LIMITS, &LOW, &HIGH, &OTHER, &FILLING];
+    let known = [SIEVE, PASSING, RETAINED, CUMULATIVE, MASS, PERCENT, LIMITS, LOW, HIGH, OTHER, FILLING];
     let left: Vec<&str> = text
         .split(|c: char| c.is_whitespace() || "()[]{},;:|=*†‡".contains(c))
         .filter(|word| {
             let folded = fold(word);
             let folded = folded.trim().trim_matches(|c: char| ".-_/".contains(c));
-            let is_known = known.iter().any(|list| list.iter().any(|of| position(folded, of) == Some(0)));
+            let begins = |of: &str| position(folded, of) == Some(0);
+            let is_known = known.iter().any(|list| list.split('|').any(begins));
             // `Plant A`, but not the `Q` of `% Q PASA`.
             let is_letter =
                 word.len() == 1 && *word != "Q" && word.starts_with(|c: char| c.is_ascii_uppercase());

@@ -280,7 +280,8 @@ mod tests {
 
     #[test]
     fn a_table_of_a_page_is_read_with_its_lines() {
-        let page = "<p>Text</p>\n<table><caption>Sand (m<sup>3</sup>)</caption><tr><th colspan=2>Sieve<br>mm</th><th>Passing<sup>1</sup></th>\n\
+        let page = "<p>Text</p>\n<table><caption>Sand (m<sup>3</sup>)</caption><tr><th \
+            colspan=2>Sieve<br>mm</th><th>Passing<sup>1</sup></th>\n\
                     <tr><td>3/8&quot;<td>9,5</td><td> 97 &ndash; 100</td></tr></table>";
         let tables = html(page);
         assert_eq!(tables.len(), 1);

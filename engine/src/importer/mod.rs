@@ -11,16 +11,18 @@ mod bands;
 mod block;
 mod curve;
 mod grading;
+mod head_rows;
 mod heads;
 mod markup;
 mod number;
+mod openings;
 mod reading;
 mod recipe;
 mod sieve;
+mod sieve_units;
 mod source;
 mod split;
 mod table;
-mod units;
 mod values;
 mod words;
 mod workbook;
@@ -29,7 +31,7 @@ pub use answer::{
     Band, Candidate, Curve, Level, Meaning, MixReading, Note, Recipe, RecipeAddition, RecipeAggregate,
     Verdict,
 };
-pub use sieve::Unit;
+pub use openings::Unit;
 pub use source::MAX_TEXT_BYTES;
 pub use table::{MAX_COLUMNS, MAX_ROWS};
 pub use workbook::{MAX_SHEETS, MAX_UNPACKED_BYTES, MAX_WORKBOOK_BYTES};

@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 use super::block::{Block, blocks, blocks_of, has_sieve_head, possible_sieves};
 use super::grading::{Outcome, outcomes};
 use super::number::{Decimal, decimals};
+use super::openings::Unit;
 use super::recipe::{self, Recipes};
-use super::sieve::Unit;
 use super::source::{Source, source};
 use super::split;
 use super::table::{Table, check_limits, column_name};
@@ -104,12 +104,19 @@ impl Found {
         let names = self.names();
         let wanted = fold(name);
         let is_it = |of: &str| fold(of).trim() == wanted.trim();
+        let is_recipe = |(label, recipe): &(Option<String>, Recipe)| {
+            [label, &recipe.name].into_iter().flatten().any(|of| is_it(of))
+        };
+        // The curves beside a recipe may be those of its aggregates.
+        if self.recipes.iter().any(is_recipe) {
+            self.recipes.retain(is_recipe);
+            return Ok(());
+        }
+        self.recipes.clear();
         for whole in &mut self.wholes {
             whole.choose(&is_it);
         }
         self.wholes.retain(|whole| !whole.curves.is_empty() || !whole.bands.is_empty());
-        self.recipes
-            .retain(|(label, recipe)| [label, &recipe.name].into_iter().flatten().any(|of| is_it(of)));
         if self.wholes.is_empty() && self.recipes.is_empty() && !names.is_empty() {
             let names = names.join("\", \"");
             return Err(Refusal::new(format!(

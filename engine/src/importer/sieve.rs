@@ -1,204 +1,8 @@
-//! Sizes of sieves as people write them: mm, micrometres, inches, numbers of sieves and meshes, phi, classes.
-//!
-//! Sources: ASTM E11 (openings of sieves by number and by inches), BS 410 (meshes), Tyler (openings of meshes),
-//! Krumbein 1934 (phi = -log2 of the diameter in mm).
+//! Sizes of sieves as people write them: with their unit beside them or above them, and as classes.
 
 use super::number::{Decimal, quantity};
+use super::openings::Unit;
 use super::words::{fold, has};
-use crate::elementary::powf;
-
-/// The unit of sieves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
-    /// Millimetres.
-    Mm,
-    /// Micrometres.
-    Um,
-    /// Inches.
-    Inch,
-    /// Numbers of ASTM E11.
-    UsSieve,
-    /// Meshes of BS 410.
-    BsMesh,
-    /// Meshes of Tyler.
-    TylerMesh,
-    /// `-log2` of the size in mm.
-    Phi,
-}
-
-impl Unit {
-    /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Mm, Self::Um, Self::Inch, Self::UsSieve, Self::BsMesh, Self::TylerMesh, Self::Phi];
-
-    /// Its name in answers and options.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Mm => "mm",
-            Self::Um => "um",
-            Self::Inch => "in",
-            Self::UsSieve => "us_sieve",
-            Self::BsMesh => "bs_mesh",
-            Self::TylerMesh => "tyler_mesh",
-            Self::Phi => "phi",
-        }
-    }
-
-    /// What a note calls it.
-    pub(super) const fn words(self) -> &'static str {
-        match self {
-            Self::Mm => "mm",
-            Self::Um => "micrometres",
-            Self::Inch => "inches",
-            Self::UsSieve => "US sieve numbers (ASTM E11)",
-            Self::BsMesh => "BS meshes (BS 410)",
-            Self::TylerMesh => "Tyler meshes",
-            Self::Phi => "phi (-log2 of the size in mm)",
-        }
-    }
-
-    /// The unit with this name.
-    pub(super) fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|unit| unit.name() == name)
-    }
-
-    /// The size in mm of a number in this unit; `None` where the unit has no such sieve.
-    pub(super) fn mm(self, number: f64) -> Option<f64> {
-        let listed = |list: &[(f64, f64)]| list.iter().find(|(of, _)| *of == number).map(|(_, mm)| *mm);
-        match self {
-            Self::Mm => Some(number),
-            Self::Um => Some(number / 1000.0),
-            Self::Inch => {
-                let nominal = INCHES.iter().find(|(inch, _)| (number / inch - 1.0).abs() < 6.0e-3);
-                Some(nominal.map_or(25.4 * number, |(_, mm)| *mm))
-            }
-            Self::UsSieve => listed(&US_SIEVES),
-            Self::BsMesh => listed(&BS_MESHES),
-            Self::TylerMesh => listed(&TYLER_MESHES),
-            Self::Phi => Some(powf(2.0, -number)),
-        }
-    }
-}
-
-/// Sieves of ASTM E11 by number, in mm.
-const US_SIEVES: [(f64, f64); 29] = [
-    (3.5, 5.6),
-    (4.0, 4.75),
-    (5.0, 4.0),
-    (6.0, 3.35),
-    (7.0, 2.8),
-    (8.0, 2.36),
-    (10.0, 2.0),
-    (12.0, 1.7),
-    (14.0, 1.4),
-    (16.0, 1.18),
-    (18.0, 1.0),
-    (20.0, 0.85),
-    (25.0, 0.71),
-    (30.0, 0.6),
-    (35.0, 0.5),
-    (40.0, 0.425),
-    (45.0, 0.355),
-    (50.0, 0.3),
-    (60.0, 0.25),
-    (70.0, 0.212),
-    (80.0, 0.18),
-    (100.0, 0.15),
-    (120.0, 0.125),
-    (140.0, 0.106),
-    (170.0, 0.09),
-    (200.0, 0.075),
-    (230.0, 0.063),
-    (270.0, 0.053),
-    (325.0, 0.045),
-];
-
-/// Meshes of BS 410 of 1943 to 1969, in mm.
-const BS_MESHES: [(f64, f64); 23] = [
-    (5.0, 3.35),
-    (6.0, 2.8),
-    (7.0, 2.4),
-    (8.0, 2.0),
-    (10.0, 1.68),
-    (12.0, 1.4),
-    (14.0, 1.2),
-    (16.0, 1.0),
-    (18.0, 0.85),
-    (22.0, 0.71),
-    (25.0, 0.6),
-    (30.0, 0.5),
-    (36.0, 0.42),
-    (44.0, 0.355),
-    (52.0, 0.3),
-    (60.0, 0.25),
-    (72.0, 0.21),
-    (85.0, 0.18),
-    (100.0, 0.15),
-    (120.0, 0.125),
-    (150.0, 0.105),
-    (170.0, 0.09),
-    (200.0, 0.075),
-];
-
-/// Meshes of Tyler, in mm.
-const TYLER_MESHES: [(f64, f64); 18] = [
-    (3.0, 6.7),
-    (4.0, 4.75),
-    (6.0, 3.35),
-    (8.0, 2.36),
-    (10.0, 1.7),
-    (14.0, 1.18),
-    (20.0, 0.85),
-    (28.0, 0.6),
-    (35.0, 0.425),
-    (48.0, 0.3),
-    (65.0, 0.212),
-    (100.0, 0.15),
-    (150.0, 0.106),
-    (200.0, 0.075),
-    (250.0, 0.063),
-    (270.0, 0.053),
-    (325.0, 0.045),
-    (400.0, 0.038),
-];
-
-/// Sieves of ASTM E11 by their size in inches, in mm.
-const INCHES: [(f64, f64); 33] = [
-    (6.0, 150.0),
-    (5.0, 125.0),
-    (4.24, 106.0),
-    (4.0, 100.0),
-    (3.5, 90.0),
-    (3.0, 75.0),
-    (2.5, 63.0),
-    (2.12, 53.0),
-    (2.0, 50.0),
-    (1.75, 45.0),
-    (1.5, 37.5),
-    (1.25, 31.5),
-    (1.06, 26.5),
-    (1.0, 25.0),
-    (0.875, 22.4),
-    (0.75, 19.0),
-    (0.625, 16.0),
-    (0.53, 13.2),
-    (0.5, 12.5),
-    (0.4375, 11.2),
-    (0.375, 9.5),
-    (0.3125, 8.0),
-    (0.265, 6.7),
-    (0.25, 6.3),
-    (0.1875, 4.75),
-    (0.125, 3.15),
-    (0.0937, 2.36),
-    (0.0469, 1.18),
-    (0.0234, 0.6),
-    (0.0117, 0.3),
-    (0.0059, 0.15),
-    (0.0029, 0.075),
-    (0.0787, 2.0),
-];
 
 /// A number with the unit that stands beside it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -230,91 +34,40 @@ pub(super) enum Label {
     Loss,
 }
 
-const PAN: [&str; 16] = [
-    "pan",
-    "base",
-    "bottom",
-    "receiver",
-    "schale",
-    "auffangschale",
-    "boden",
-    "siebboden",
-    "fond",
-    "fondo",
-    "fundo",
-    "bandeja",
-    "fondello",
-    "ciega",
-    "cazoleta",
-    "prato",
-];
-const TOTAL: [&str; 10] =
-    ["total", "sum", "summe", "gesamt", "somme", "suma", "soma", "totale", "totaux", "gesamtmasse"];
-const WASH: [&str; 10] = [
-    "wash",
-    "decant",
-    "auswasch",
-    "abschlamm",
-    "abschlammbare",
-    "lavage",
-    "lavado",
-    "lavaggio",
-    "laveur",
-    "eluv",
-];
+const PAN: &str = "\
+    pan|base|bottom|receiver|schale|auffangschale|boden|siebboden|fond|fundo|bandeja|ciega|cazoleta|prato";
+const TOTAL: &str = "total|sum|summe|gesamt|somme|suma|soma|totaux";
+const WASH: &str = "wash|decant|auswasch|abschlamm|lavage|lavado|lavaggio|laveur|eluv";
 /// What was lost: the totals say so too.
-const LOSS: [&str; 8] = ["loss", "siebverlust", "verlust", "perdida", "perda", "perte", "perdite", "perdita"];
-const INITIAL: [&str; 22] = [
-    "initial",
-    "einwaage",
-    "before",
-    "dry mass",
-    "dry weight",
-    "masse seche",
-    "masa inicial",
-    "peso inicial",
-    "massa inicial",
-    "masse initiale",
-    "trockenmasse",
-    "sample mass",
-    "dry sample",
-    "trockene probe",
-    "probenmasse",
-    "echantillon",
-    "muestra",
-    "amostra",
-    "campione",
-    "sample weight",
-    "weight of sample",
-    "mass of sample",
-];
+const LOSS: &str = "loss|siebverlust|verlust|perdida|perda|perte|perdite|perdita";
+const INITIAL: &str = "\
+    initial|einwaage|before|dry mass|dry weight|masse seche|masa inicial|peso inicial|massa inicial|masse initiale|\
+    trockenmasse|sample mass|dry sample|trockene probe|probenmasse|echantillon|muestra|amostra|campione|\
+    sample weight|weight of sample|mass of sample";
 /// Words that may stand beside a size.
-const BESIDE: [&str; 41] = [
-    "sieve", "sieb", "mesh", "tamis", "tamiz", "malla", "malha", "peneira", "setaccio", "us", "bs", "astm",
-    "din", "iso", "u.s", "u.s.", "mm", "µm", "um", "micron", "microns", "in", "in.", "inch", "inches", "no",
-    "no.", "no:", "n.o", "nr", "nr.", "phi", "tyler", "std", "std.", "standard", "to", "x", "µ", "mic",
-    "zoll",
-];
+const BESIDE: &str = "\
+    sieve|sieb|mesh|tamis|tamiz|malla|malha|peneira|setaccio|us|bs|astm|din|iso|u.s|u.s.|mm|µm|um|micron|microns|in|\
+    in.|inch|inches|no|no.|no:|n.o|nr|nr.|phi|tyler|std|std.|standard|to|x|µ|mic|zoll";
 
 /// What a cell at the beginning of a row is about; `None` where it is about no size.
 pub(super) fn label(text: &str, decimal: Decimal) -> Option<Label> {
     let folded = fold(text);
     let folded = folded.trim();
     let has_digit = folded.chars().any(char::is_numeric);
-    if has(folded, &WASH) {
+    if has(folded, WASH) {
         return Some(Label::Wash);
     }
-    if has(folded, &LOSS) {
+    if has(folded, LOSS) {
         return Some(Label::Loss);
     }
-    if has(folded, &PAN) {
+    if has(folded, PAN) {
         return Some(Label::Pan);
     }
     if !has_digit {
         // A sign before a size that is left out is not a sum.
-        return if has(folded, &INITIAL) {
+        return if has(folded, INITIAL) {
             Some(Label::Initial)
-        } else if has(folded, &TOTAL) {
+        } else if has(folded, TOTAL) {
             Some(Label::Total)
         } else {
             None
@@ -326,7 +79,7 @@ pub(super) fn label(text: &str, decimal: Decimal) -> Option<Label> {
         .filter(|word| word.chars().next().is_some_and(char::is_alphabetic))
         .all(|word| {
             let name = word.trim_end_matches(|c: char| c.is_ascii_digit() || c == '.');
-            BESIDE.contains(&word) || BESIDE.contains(&name) || is_relation(word)
+            BESIDE.split('|').any(|of| of == word || of == name) || is_relation(word)
         });
     if !is_named {
         return None;
@@ -423,10 +176,10 @@ pub(super) fn sizes(text: &str, decimal: Decimal) -> Vec<Size> {
             "in" | "inch" | "inches" | "\"" | "zoll" | "pulgadas" | "pouces" => Some(Unit::Inch),
             "phi" => Some(Unit::Phi),
             "mesh" if fold(text).contains("tyler") => Some(Unit::TylerMesh),
-            "mesh" if has(&fold(text), &["bs"]) => Some(Unit::BsMesh),
+            "mesh" if has(&fold(text), "bs") => Some(Unit::BsMesh),
             "mesh" => Some(Unit::UsSieve),
             _ if of.rest.starts_with(['″', '”', '\'', '’', '“', '′']) => Some(Unit::Inch),
-            _ if is_numbered && has(&fold(text), &["bs"]) => Some(Unit::BsMesh),
+            _ if is_numbered && has(&fold(text), "bs") => Some(Unit::BsMesh),
             _ if is_numbered => Some(Unit::UsSieve),
             _ => None,
         };
@@ -440,36 +193,23 @@ pub(super) fn sizes(text: &str, decimal: Decimal) -> Vec<Size> {
 /// The unit that the head of a column states.
 pub(super) fn unit_of_head(head: &str) -> Option<Unit> {
     let folded = fold(head);
-    let is = |words: &[&str]| has(&folded, words);
-    if is(&["µm", "um", "micron", "mikrometer", "micrometre", "micrometer", "micras"]) {
+    let is = |words: &str| has(&folded, words);
+    if is("µm|um|micron|mikrometer|micrometre|micrometer|micras") {
         Some(Unit::Um)
-    } else if is(&["mm", "millimet", "milimet"]) {
+    } else if is("mm|millimet|milimet") {
         Some(Unit::Mm)
-    } else if is(&["phi"]) {
+    } else if is("phi") {
         Some(Unit::Phi)
-    } else if is(&["inch", "inches", "in", "in.", "pulgadas", "pouces", "zoll", "polegadas", "pollici"])
-        || head.contains("(\")")
-    {
+    } else if is("inch|in|in.|pulgadas|pouces|zoll|polegadas|pollici") || head.contains("(\")") {
         Some(Unit::Inch)
-    } else if is(&["tyler"]) {
+    } else if is("tyler") {
         Some(Unit::TylerMesh)
-    } else if is(&["bs", "b.s", "b.s.", "british"]) {
+    } else if is("bs|b.s|b.s.|british") {
         Some(Unit::BsMesh)
-    } else if is(&[
-        "us sieve",
-        "u.s. sieve",
-        "astm no",
-        "u.s. standard",
-        "us standard",
-        "us mesh",
-        "sieve no",
-        "sieve number",
-        "no.",
-        "tamiz no",
-        "tamis no",
-        "peneira no",
-        "malla no",
-    ]) {
+    } else if is(
+        "us sieve|u.s. sieve|astm no|u.s. standard|us standard|us mesh|sieve no|sieve number|no.|tamiz no|tamis \
+         no|peneira no|malla no",
+    ) {
         Some(Unit::UsSieve)
     } else {
         None

@@ -27,7 +27,7 @@ impl Cell {
 /// Reads a cell.
 pub(super) fn cell(text: &str, decimal: Decimal) -> Cell {
     let text = without_marks(text);
-    if text.is_empty() || text.chars().all(|c| "-–—−./…~*".contains(c)) {
+    if is_blank(text) {
         return Cell::Empty;
     }
     if text == WITHOUT_VALUE {
@@ -37,9 +37,6 @@ pub(super) fn cell(text: &str, decimal: Decimal) -> Cell {
     }
     let folded = fold(text);
     let folded = folded.trim();
-    if matches!(folded, "n/a" | "na" | "n.a." | "nd" | "n.d." | "k.a." | "s/d" | "nil" | "none" | "x") {
-        return Cell::Empty;
-    }
     let has = |words: &[&str]| words.iter().any(|word| folded.contains(word));
     let at_most = has(&["max", "<", "up to", "bis zu"]);
     let at_least = has(&["min", ">"]);
@@ -65,6 +62,14 @@ pub(super) fn cell(text: &str, decimal: Decimal) -> Cell {
         }
         _ => Cell::Text(not_a_number(text)),
     }
+}
+
+/// Whether a cell has no value: it is empty, or has a sign or a word for nothing.
+pub(super) fn is_blank(text: &str) -> bool {
+    const NOTHING: &str = "n/a|na|n.a.|nd|n.d.|k.a.|s/d|nil|none|x";
+    let text = text.trim();
+    text.chars().all(|c| "-–—−./…~*".contains(c))
+        || NOTHING.split('|').any(|word| text.eq_ignore_ascii_case(word) || text == format!("{word}."))
 }
 
 fn not_a_number(text: &str) -> String {

@@ -38,7 +38,7 @@ pub use shape::{
     DEFAULT_TEMPLATES, GrainKind, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation,
     PlainShape, ShapeClass, ShapeMixture, TemplateShape,
 };
-pub(crate) use sieves::{LEAST_TOP, next_sieve};
+pub(crate) use sieves::{LEAST_TOP, MOST_UNDERSIZE, next_sieve};
 
 /// Largest seed: seeds travel through JSON, and MATLAB and JavaScript hold integers exactly only
 /// up to 2^53 - 1.

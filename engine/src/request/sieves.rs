@@ -16,7 +16,7 @@ const PASSING: Bound = Bound::closed(0.0, 100.0, "(0 to 1, or percent)");
 pub(crate) const LEAST_TOP: f64 = 0.9;
 /// Most passing of the first sieve of a curve that is completed: a coarse aggregate of EN 12620, category GC85/20, may
 /// have 20 % below its lower sieve.
-pub(super) const MOST_UNDERSIZE: f64 = 0.2;
+pub(crate) const MOST_UNDERSIZE: f64 = 0.2;
 
 /// Principal sizes of the series R20 (ISO 565) between 1 and 10, which repeat in every decade.
 const R20: [f64; 20] =

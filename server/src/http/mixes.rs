@@ -3,7 +3,9 @@
 use axum::extract::State;
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::importer::{self, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Unit};
+use packstone_engine::request::decode::FieldError;
 
+use crate::failure::FailureCode;
 use crate::http::app::{App, LARGE_BODY_BYTES};
 use crate::http::body::RequestBody;
 use crate::http::params::values::Text;
@@ -48,7 +50,7 @@ impl From<ReadingParameters> for ReadOptions {
 /// What was understood of a table as laboratories print it: grading curves, limits, recipes, and the part of a request
 /// that follows. The body is the file as it stands: a text (CSV, tabs, semicolons, HTML, Markdown, what was pasted) of
 /// at most 1 MiB or a workbook (.xlsx, .ods) of at most 4 MiB. What it is, and its encoding, is told by its bytes,
-/// whatever its media type. Each readable body is answered with 200: `verdict` says whether it has one reading (`ok`,
+/// whatever its media type. Each body but that of no bytes is answered with 200: `verdict` says whether it has one reading (`ok`,
 /// `warn`), whether there is a choice to make (`ask`: each of `candidates` has its `request`), or why nothing was read
 /// (`refuse`, with row, reason and remedy in `notes`). Nothing is stored.
 #[cfg_attr(test, utoipa::path(
@@ -73,6 +75,10 @@ pub(crate) async fn read(
     mut body: RequestBody,
 ) -> Result<Response, Problem> {
     let bytes = body.read_file(MAX_WORKBOOK_BYTES as u64).await?;
+    if bytes.is_empty() {
+        let faults = vec![FieldError::new("", "is empty: must have a table")];
+        return Err(Problem::fields(FailureCode::ValidationError, faults));
+    }
     let options = ReadOptions::from(parameters);
     // A workbook unpacks to more than its bytes.
     let is_large = bytes.len() > LARGE_BODY_BYTES || bytes.starts_with(b"PK");

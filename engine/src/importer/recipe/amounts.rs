@@ -1,12 +1,11 @@
 //! Amounts of the parts of one recipe in one unit: kilograms in a cubic metre, in a batch, or parts by mass.
 
 use super::super::Refusal;
-use super::super::words::fold;
+use super::super::words::{fold, has};
 use super::draft::{Draft, Entry};
 use super::ingredients::Kind;
 use super::sizes::size_mm;
 use super::units::{CUBIC_YARD_M3, Of, POUND_KG, Unit};
-use super::vocabulary::has;
 
 /// Density of water, in kg/m³.
 pub(super) const WATER_KG_M3: f64 = 1000.0;
@@ -67,13 +66,17 @@ pub(super) fn basis(draft: &Draft) -> Basis {
     Basis::Bare
 }
 
-/// The volume that masses without one belong to, beside contents of a cubic metre or yard, in m³.
-fn reference_m3(draft: &Draft) -> f64 {
-    let is_yard = |entry: &Entry| match entry.unit {
+/// Whether an amount is in pounds in a cubic yard.
+pub(super) fn is_of_yard(entry: &Entry) -> bool {
+    match entry.unit {
         Some(Unit::Content(factor)) => (factor * CUBIC_YARD_M3 / POUND_KG - 1.0).abs() < 1.0e-9,
         _ => false,
-    };
-    if draft.entries.iter().any(is_yard) { CUBIC_YARD_M3 } else { 1.0 }
+    }
+}
+
+/// The volume that masses without one belong to, beside contents of a cubic metre or yard, in m³.
+fn reference_m3(draft: &Draft) -> f64 {
+    if draft.entries.iter().any(is_of_yard) { CUBIC_YARD_M3 } else { 1.0 }
 }
 
 /// Whether sacks are those of the United States: the other parts are in pounds and gallons.
@@ -172,7 +175,8 @@ pub(super) fn mass(
             let (name, line) = (&entry.label.name, entry.line);
             return Err(Refusal::at(
                 line,
-                format!("the amount of \"{name}\" is {value} without a unit: must have one, as the other parts have (kg/m3, kg, lb/yd3)"),
+                format!("the amount of \"{name}\" is {value} without a unit: must have one, as the other parts have \
+                    (kg/m3, kg, lb/yd3)"),
             )
             .in_cell(entry.cell.clone()));
         }

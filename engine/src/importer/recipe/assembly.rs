@@ -214,7 +214,8 @@ impl<'a> Assembly<'a> {
             && water > MOST_WATER_CEMENT * cement
         {
             let text = format!(
-                "the water is {} and the cement is {}: must be at most {MOST_WATER_CEMENT} times the cement; check that the amounts stand under their heads",
+                "the water is {} and the cement is {}: must be at most {MOST_WATER_CEMENT} times the cement; check \
+                 that the amounts stand under their heads",
                 shown(water),
                 shown(cement)
             );
@@ -379,11 +380,17 @@ impl<'a> Assembly<'a> {
             };
             match counts {
                 Some(kg) if kg > 0.9 * sum => {
-                    found.push(Note::plain(line, format!("\"{name}\" is as much as all parts, and is no part")));
+                    found.push(Note::plain(
+                        line,
+                        format!("\"{name}\" is as much as all parts, and is no part"),
+                    ));
                 }
                 Some(_) => found.push(Note::warning(
                     line,
-                    format!("\"{name}\" is no part of concrete that is known, and is left out: name it, such as sand or filler"),
+                    format!(
+                        "\"{name}\" is no part of concrete that is known, and is left out: name it, such as \
+                        sand or filler"
+                    ),
                 )),
                 None => {}
             }
@@ -404,7 +411,8 @@ pub(super) fn total_fault(part: &Part, total: f64, sum: f64, of: &str) -> Refusa
     Refusal::at(
         part.line,
         format!(
-            "\"{name}\" is {}, and {of} sum to {}: the difference of {} % must be at most 1 %; check the rows, or leave the total out",
+            "\"{name}\" is {}, and {of} sum to {}: the difference of {} % must be at most 1 %; check the rows, or \
+             leave the total out",
             shown(total),
             shown(sum),
             shown(difference)

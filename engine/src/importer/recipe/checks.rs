@@ -40,7 +40,11 @@ pub(super) fn check(recipe: &Recipe, notes: &mut Vec<Note>) {
         if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
             notes.push(Note::warning(
                 None,
-                format!("{field} is {}{unit}: concretes have {low} to {high}{unit}; check the amounts and their unit", shown(value)),
+                format!(
+                    "{field} is {}{unit}: concretes have {low} to {high}{unit}; check the amounts and their \
+                    unit",
+                    shown(value)
+                ),
             ));
         }
     }
@@ -62,7 +66,9 @@ fn check_volume(recipe: &Recipe, sum: f64, notes: &mut Vec<Note>) {
         notes.push(Note::warning(
             None,
             format!(
-                "the parts fill {} m3, which is a cubic yard (0.7646 m3): if the masses are those of a cubic yard, divide them by 0.7646, which gives in kg/m3 cement {}, water {}, {}; read as a cubic metre they leave {} % of air",
+                "the parts fill {} m3, which is a cubic yard (0.7646 m3): if the masses are those of a cubic yard, \
+                 divide them by 0.7646, which gives in kg/m3 cement {}, water {}, {}; read as a cubic metre they \
+                 leave {} % of air",
                 shown(sum),
                 of(recipe.cement_kg_m3),
                 of(recipe.water_kg_m3),
@@ -79,7 +85,8 @@ fn check_volume(recipe: &Recipe, sum: f64, notes: &mut Vec<Note>) {
         };
         notes.push(Note::warning(
             None,
-            format!("the parts of a cubic metre fill {} m3 without air{stated}: must fill 0.97 to 1.005 m3; check the amounts, their unit and the densities", shown(sum)),
+            format!("the parts of a cubic metre fill {} m3 without air{stated}: must fill 0.97 to 1.005 m3; check \
+                the amounts, their unit and the densities", shown(sum)),
         ));
     }
     if implied > MOST_AIR {

@@ -1,17 +1,17 @@
 //! Columns of recipes: which have amounts, densities, volumes and units, and the amounts of their rows.
 
 use super::super::number::Decimal;
-use super::super::words::fold;
+use super::super::values::is_blank;
+use super::super::words::{fold, has};
 use super::super::{Note, Refusal};
 use super::MAX_RECIPES;
 use super::draft::{DENSITY_KG_M3, Draft, Entry};
-use super::grid::{Grid, amount, is_amount, is_blank};
+use super::grid::{Grid, amount, is_amount};
 use super::ingredients::{Kind, has_density};
 use super::labels::{Label, density_of};
 use super::sizes::size_mm;
 use super::titles::{key, says_volume, title_name};
 use super::units::{Unit, batch_m3, unit, unit_in};
-use super::vocabulary::has;
 
 /// Most rows of a recipe.
 const MAX_PARTS: usize = 100;

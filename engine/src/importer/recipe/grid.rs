@@ -38,13 +38,6 @@ impl Grid {
     }
 }
 
-/// Whether a cell has no amount: it is empty, or has a sign or a word for nothing.
-pub(super) fn is_blank(text: &str) -> bool {
-    let text = text.trim().trim_matches('.');
-    matches!(text, "" | "-" | "–" | "—" | "−" | "--" | "/" | "n/a" | "N/A" | "na" | "NA" | "none" | "…")
-        || text.eq_ignore_ascii_case("nil")
-}
-
 /// Whether a cell is a number, with a unit or a footnote at most.
 pub(super) fn is_amount(text: &str, decimal: Decimal) -> bool {
     amount(text, decimal).is_some_and(|(_, rest)| rest.is_empty() || unit(&rest).is_some())

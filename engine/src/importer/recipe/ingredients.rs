@@ -1,9 +1,8 @@
 //! Words for the parts of concrete in German, English, French, Spanish, Portuguese and Italian.
 
 use super::super::number::{Decimal, quantity};
-use super::super::words::fold;
+use super::super::words::{ends, fold, has};
 use super::sizes::size_mm;
-use super::vocabulary::{ends, has};
 
 /// A fine addition to the cement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

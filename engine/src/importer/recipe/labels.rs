@@ -125,39 +125,14 @@ pub(super) fn density_of(value: f64) -> f64 {
 
 /// Whether words say in which state an aggregate is weighed.
 fn is_state(folded: &str) -> bool {
-    is_dry_word(folded)
-        || matches!(
-            folded,
-            "ssd"
-                | "s.s.a."
-                | "s.s.s."
-                | "s.s.d."
-                | "sss"
-                | "saturated surface dry"
-                | "saturated surface-dry"
-                | "surface dry"
-                | "wet"
-                | "moist"
-        )
+    const STATES: &str =
+        "ssd|s.s.a.|s.s.s.|s.s.d.|sss|saturated surface dry|saturated surface-dry|surface dry|wet|moist";
+    is_dry_word(folded) || STATES.split('|').any(|state| state == folded)
 }
 
 fn is_dry_word(folded: &str) -> bool {
-    matches!(
-        folded,
-        "dry"
-            | "oven dry"
-            | "oven-dry"
-            | "od"
-            | "air dry"
-            | "seco"
-            | "seca"
-            | "secos"
-            | "sec"
-            | "seche"
-            | "trocken"
-            | "secco"
-            | "secca"
-    )
+    const DRY: &str = "dry|oven dry|oven-dry|od|air dry|seco|seca|secos|sec|seche|trocken|secco|secca";
+    DRY.split('|').any(|word| word == folded)
 }
 
 #[cfg(test)]

@@ -3,9 +3,10 @@
 
 use super::super::Refusal;
 use super::super::number::Decimal;
+use super::super::values::is_blank;
 use super::columns::Block;
 use super::draft::Draft;
-use super::grid::{Grid, is_amount, is_blank};
+use super::grid::{Grid, is_amount};
 use super::ingredients::{Addition, Kind, is_ca, is_fa};
 use super::labels::{Label, label};
 use super::titles::key;

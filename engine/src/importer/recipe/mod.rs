@@ -23,7 +23,6 @@ mod scale;
 mod sizes;
 mod titles;
 mod units;
-mod vocabulary;
 mod water;
 
 #[cfg(test)]

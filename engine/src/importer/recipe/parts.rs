@@ -1,11 +1,10 @@
 //! Parts of concrete with their masses and densities.
 
-use super::super::words::fold;
+use super::super::words::{fold, has};
 use super::draft::{Draft, Entry};
 use super::ingredients::{Kind, kind};
 use super::labels::Label;
 use super::sizes::size_mm;
-use super::vocabulary::has;
 
 /// Usual density of Portland cement, in kg/m³.
 pub(super) const CEMENT_KG_M3: f64 = 3100.0;
@@ -110,42 +109,15 @@ pub(super) fn stated_density(entry: &Entry, draft: &Draft) -> Option<f64> {
 
 /// Of what a row states the density: its name without the words for densities.
 pub(super) fn subject(name: &str) -> String {
+    const WORDS: &str = "\
+        specific|gravity|masse|volumique|peso|especifico|gravedad|especifica|massa|volumica|specifico|\
+        relative|particle|of|de|des|der|von|di|du|del|da|do|the|dry|ssd|la|sp";
     let is_word = |word: &str| {
         let folded = fold(word);
         let word = folded.trim().trim_matches(['.', ',']);
         super::ingredients::has_density(word)
             || word.starts_with('ρ')
-            || matches!(
-                word,
-                "specific"
-                    | "gravity"
-                    | "masse"
-                    | "volumique"
-                    | "peso"
-                    | "especifico"
-                    | "gravedad"
-                    | "especifica"
-                    | "massa"
-                    | "volumica"
-                    | "specifico"
-                    | "relative"
-                    | "particle"
-                    | "of"
-                    | "de"
-                    | "des"
-                    | "der"
-                    | "von"
-                    | "di"
-                    | "du"
-                    | "del"
-                    | "da"
-                    | "do"
-                    | "the"
-                    | "dry"
-                    | "ssd"
-                    | "la"
-                    | "sp"
-            )
+            || WORDS.split('|').any(|of| of == word)
     };
     name.split_whitespace().filter(|word| !is_word(word)).collect::<Vec<_>>().join(" ")
 }

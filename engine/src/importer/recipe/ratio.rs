@@ -2,18 +2,18 @@
 
 use super::super::number::{Decimal, quantity};
 use super::super::table::Table;
-use super::super::words::fold;
+use super::super::words::{fold, has};
 use super::draft::{Draft, Entry};
 use super::ingredients::{Kind, kind};
 use super::labels::label;
 use super::lines;
 use super::titles::says_volume;
 use super::units::{Unit, unit};
-use super::vocabulary::has;
 
 /// Words of a text that speaks of concrete or mortar.
-const SPEAKS: &str = "cement|zement|ciment|cimento|mortar|mortel|mortier|mortero|argamassa|malta|concrete|beton|hormigon|\
-     concreto|calcestruzzo|traco|w/c|w/z|e/c|a/c|sand|mix";
+const SPEAKS: &str = "\
+    cement|zement|ciment|cimento|mortar|mortel|mortier|mortero|argamassa|malta|concrete|beton|hormigon|concreto|\
+    calcestruzzo|traco|w/c|w/z|e/c|a/c|sand|mix";
 /// Largest part of a ratio.
 const MOST: f64 = 50.0;
 

@@ -8,12 +8,10 @@ use super::super::words::fold;
 use super::parts::AGGREGATE_KG_M3;
 use super::sizes::size_mm;
 use crate::request::aggregate::MAX_AGGREGATE_NAME;
-use crate::request::{DEFAULT_D_MIN_MM, MAX_AGGREGATES};
+use crate::request::{DEFAULT_D_MIN_MM, MAX_AGGREGATES, MOST_UNDERSIZE};
 
 /// Finest grain of a class that begins at 0, in mm: the sieve between sand and fines.
 const FINES_MM: f64 = 0.063;
-/// What may pass the finest sieve of a curve above the cut-off.
-const MOST_UNDERSIZE: f64 = 0.2;
 
 /// Where the grading of an aggregate is from.
 enum Source<'a> {
@@ -94,11 +92,13 @@ pub(in super::super) fn grading_notes(recipe: &Recipe, curves: &[Curve]) -> Vec<
             }
             Source::Sizes(low, high) => notes.push(Note::plain(
                 None,
-                format!("the grading of \"{name}\" is one class from {low} to {high} mm, by its name: put its sieve curve in its place (mix.aggregates[{number}].grading)"),
+                format!("the grading of \"{name}\" is one class from {low} to {high} mm, by its name: put its sieve \
+                    curve in its place (mix.aggregates[{number}].grading)"),
             )),
             Source::None => notes.push(Note::plain(
                 None,
-                format!("the sieve curve of \"{name}\" is missing: paste it beside the recipe under the same name, or put it in mix.aggregates[{number}].grading"),
+                format!("the sieve curve of \"{name}\" is missing: paste it beside the recipe under the same name, \
+                    or put it in mix.aggregates[{number}].grading"),
             )),
         }
     }
@@ -146,9 +146,9 @@ fn cut_off_mm(sources: &[Source<'_>]) -> f64 {
         match source {
             Source::Curve(curve) => {
                 high = high.max(curve.points.last().map_or(0.0, |point| point[0]));
-                if let Some([d, passing]) = curve.points.first().filter(|point| point[1] > MOST_UNDERSIZE) {
-                    let _ = passing;
-                    least = least.max(*d);
+                // More undersize than a request completes by the next sieve.
+                if let Some(finest) = curve.points.first().filter(|point| point[1] > MOST_UNDERSIZE) {
+                    least = least.max(finest[0]);
                 }
             }
             Source::Sizes(_, of) => high = high.max(*of),

@@ -1,20 +1,20 @@
 //! From the unit of a recipe to a cubic metre of concrete.
 
 use super::super::{Note, Refusal};
-use super::amounts::Basis;
+use super::amounts::{Basis, is_of_yard};
 use super::assembly::Contents;
 use super::checks::shown;
-use super::draft::Draft;
-use super::units::{CUBIC_YARD_M3, Unit};
+use super::draft::{Draft, Entry};
+use super::units::{CUBIC_YARD_M3, POUND_KG, Unit};
 
 /// Kilograms without a volume are those of a cubic metre where their parts fill so much, in m³.
 const ABOUT_ONE_M3: std::ops::RangeInclusive<f64> = 0.7..=1.3;
 /// What parts fill of a cubic metre or yard with the stated air, where their numbers have no unit at all, in m³.
-const FULL_M3: std::ops::RangeInclusive<f64> = 0.94..=1.03;
+const WHOLE_M3: std::ops::RangeInclusive<f64> = 0.94..=1.03;
 /// Cement in larger numbers is no part of a ratio.
 const MOST_OF_A_RATIO: f64 = 50.0;
 /// A pound in a cubic yard, in kg/m³.
-const POUND_YARD: f64 = 0.453_592_37 / CUBIC_YARD_M3;
+const POUND_YARD: f64 = POUND_KG / CUBIC_YARD_M3;
 
 /// Multiplies masses so that they are those of a cubic metre.
 pub(super) fn scale(
@@ -27,8 +27,7 @@ pub(super) fn scale(
     let air = contents.air.unwrap_or(0.0);
     match basis {
         Basis::CubicMetre => {
-            let yards = |entry: &super::draft::Entry| matches!(entry.unit, Some(Unit::Content(factor)) if (factor / POUND_YARD - 1.0).abs() < 1.0e-9);
-            if draft.entries.iter().any(yards) {
+            if draft.entries.iter().any(is_of_yard) {
                 notes.push(Note::plain(None, format!("a pound in a cubic yard is {POUND_YARD:.5} kg/m3")));
             }
             Ok(())
@@ -44,15 +43,16 @@ pub(super) fn scale(
             Ok(())
         }
         Basis::Batch(None) => {
-            let is_kg = |entry: &super::draft::Entry| entry.unit == Some(Unit::Mass(1.0));
+            let is_kg = |entry: &Entry| entry.unit == Some(Unit::Mass(1.0));
             let has_kg = draft.entries.iter().any(is_kg);
-            let is_pound = |entry: &super::draft::Entry| matches!(entry.unit, Some(Unit::Mass(factor)) if factor != 1.0 && factor > 0.4 && factor < 0.5);
+            let is_pound = |entry: &Entry| entry.unit == Some(Unit::Mass(POUND_KG));
             if has_kg && ABOUT_ONE_M3.contains(&volume) {
-                let text = "no volume is stated: the masses are read as those of a cubic metre, which they fill in part or whole";
+                let text = "no volume is stated: the masses are read as those of a cubic metre, which they fill in \
+                    part or whole";
                 notes.push(Note::plain(None, text));
                 return Ok(());
             }
-            if draft.entries.iter().any(is_pound) && FULL_M3.contains(&(volume / CUBIC_YARD_M3 + air)) {
+            if draft.entries.iter().any(is_pound) && WHOLE_M3.contains(&(volume / CUBIC_YARD_M3 + air)) {
                 contents.multiply(1.0 / CUBIC_YARD_M3);
                 let text =
                     "no volume is stated: the pounds are read as those of a cubic yard, which they fill";
@@ -71,14 +71,15 @@ pub(super) fn scale(
             }
             let readings = [(1.0, "kg/m3"), (POUND_YARD, "lb/yd3")];
             let mut fitting =
-                readings.iter().filter(|(factor, _)| FULL_M3.contains(&(volume * factor + air)));
+                readings.iter().filter(|(factor, _)| WHOLE_M3.contains(&(volume * factor + air)));
             let Some((factor, unit)) = fitting.next() else {
                 let line = first.map_or(1, |part| part.line);
                 let name = first.map_or("", |part| part.name.as_str());
                 return Err(Refusal::at(
                     line,
                     format!(
-                        "the amount of \"{name}\" has no unit, and the parts fill {} m3 as kg/m3 and {} m3 as lb/yd3: name the unit in the head, such as \"kg/m3\"",
+                        "the amount of \"{name}\" has no unit, and the parts fill {} m3 as kg/m3 and {} m3 as \
+                         lb/yd3: name the unit in the head, such as \"kg/m3\"",
                         shown(volume),
                         shown(volume * POUND_YARD)
                     ),
@@ -88,7 +89,8 @@ pub(super) fn scale(
             notes.push(Note::warning(
                 None,
                 format!(
-                    "the amounts have no unit: they are read as {unit}, in which they fill {} m3; name the unit in the head",
+                    "the amounts have no unit: they are read as {unit}, in which they fill {} m3; name the unit in \
+                     the head",
                     shown(volume * factor)
                 ),
             ));

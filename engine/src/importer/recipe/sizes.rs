@@ -1,6 +1,7 @@
 //! Sizes in the names of aggregates.
 
 use super::super::number::{Decimal, quantity};
+use super::super::openings::Unit;
 
 /// The sizes that a name states, in mm: `0/4`, `8-16 mm`, `4 to 8 mm`, `20 mm`, `3/8 in`. The lower one is `None` where
 /// there is one only.
@@ -54,9 +55,11 @@ pub(super) fn size_mm(name: &str) -> Option<(Option<f64>, f64)> {
     None
 }
 
-/// Inches in mm, without the last digits of the product.
+/// Inches in mm: the sieve of ASTM E11 where there is one.
 fn inches_in_mm(inches: f64) -> f64 {
-    (25.4e6 * inches).round() / 1.0e6
+    let mm = Unit::Inch.mm(inches).unwrap_or(25.4 * inches);
+    // Without the last digits of the product.
+    (1.0e6 * mm).round() / 1.0e6
 }
 
 fn is_inch(rest: &str) -> bool {
@@ -96,8 +99,8 @@ mod tests {
             ("Gravel 5 mm to 10 mm", Some((Some(5.0), 10.0))),
             ("Splitt 5,6/11,2", Some((Some(5.6), 11.2))),
             ("20 mm Jelly", Some((None, 20.0))),
-            ("Stone 3/4 in", Some((None, 19.05))),
-            ("Gravel 1/2\"", Some((None, 12.7))),
+            ("Stone 3/4 in", Some((None, 19.0))),
+            ("Gravel 1/2\"", Some((None, 12.5))),
             ("C30/37", None),
             ("Coarse aggregate No. 57", None),
             ("CEM I 42,5 R", None),

@@ -69,10 +69,9 @@ fn contains(recipe: &Recipe, cement: f64, water: f64, aggregates: &[(&str, f64, 
 
 #[test]
 fn recipes_with_densities_fill_a_cubic_metre() {
-    let recipe = one(
-        "Stoff;Gehalt [kg/m³];Dichte [kg/dm³]\nZement CEM II/C-M(S-LL) 42,5 N;300;3,0\nFlugasche;60;2,4\nWasser;170;1,0\n\
-         Gesteinskörnung;1794;2,6\nLuftporen;1,5 Vol.-%;\n",
-    );
+    let recipe = one("Stoff;Gehalt [kg/m³];Dichte [kg/dm³]\nZement CEM II/C-M(S-LL) 42,5 \
+         N;300;3,0\nFlugasche;60;2,4\nWasser;170;1,0\n\
+         Gesteinskörnung;1794;2,6\nLuftporen;1,5 Vol.-%;\n");
     contains(&recipe, 300.0, 170.0, &[("Gesteinskörnung", 1794.0, Some(2600.0))]);
     near(recipe.air_volume_fraction, 0.015);
     near(recipe.aggregate_volume_fraction, 0.69);
@@ -124,7 +123,8 @@ fn pounds_a_cubic_yard_and_specific_gravities_are_read() {
     near(recipe.aggregate_volume_fraction, 0.683_27);
     assert_eq!(warnings(&recipe), [""; 0]);
     let recipe = one(
-        "Material,Wt/cum,Specific Gravity\nWater,180,\nCement,600,3.13\nFine aggregate,359.965,2.63\nCoarse aggregate,1329.45,2.82\n",
+        "Material,Wt/cum,Specific Gravity\nWater,180,\nCement,600,3.13\nFine aggregate,359.965,2.63\nCoarse \
+         aggregate,1329.45,2.82\n",
     );
     contains(
         &recipe,
@@ -137,11 +137,10 @@ fn pounds_a_cubic_yard_and_specific_gravities_are_read() {
 
 #[test]
 fn recipes_stand_side_by_side() {
-    let recipes = all(
-        "Bezeichnung;C25/30 F3;C30/37 F4\nZement CEM III/A 42,5 N [kg/m³];300;340\nWasser [kg/m³];174;170\nw/z;0,58;0,50\n\
+    let recipes = all("Bezeichnung;C25/30 F3;C30/37 F4\nZement CEM III/A 42,5 N [kg/m³];300;340\nWasser \
+         [kg/m³];174;170\nw/z;0,58;0,50\n\
          Sand 0/2 (2,64 kg/dm³) [kg/m³];705;670\nKies 2/8 (2,62 kg/dm³) [kg/m³];470;455\n\
-         Kies 8/16 (2,61 kg/dm³) [kg/m³];665;690\nLuft [Vol.-%];1,8;1,8\nFließmittel [kg/m³];1,5;2,7\n",
-    );
+         Kies 8/16 (2,61 kg/dm³) [kg/m³];665;690\nLuft [Vol.-%];1,8;1,8\nFließmittel [kg/m³];1,5;2,7\n");
     assert_eq!(recipes.len(), 2);
     assert_eq!(recipes[0].name.as_deref(), Some("C25/30 F3"));
     let sand = |kg| ("Sand 0/2", kg, Some(2640.0));
@@ -200,11 +199,13 @@ fn water_is_effective_by_its_kind() {
     near(total.cement_density_kg_m3, 3050.0);
     // Wet sand has 6 % of water and takes up 1 %: 848 kg are 800 kg dry, with 40 kg of water on them.
     let added = one(
-        "Material;kg/m³;Absorption %;Feuchte %\nZement;320;;\nZugabewasser;130;;\nSand 0/4;848;1,0;6,0\nKies 4/16;1010;0,5;1,0\n",
+        "Material;kg/m³;Absorption %;Feuchte %\nZement;320;;\nZugabewasser;130;;\nSand 0/4;848;1,0;6,0\nKies \
+         4/16;1010;0,5;1,0\n",
     );
     near(added.water_kg_m3, 130.0 + 40.0 + 1010.0 * 0.005 / 1.01);
     let effective = one(
-        "Ciment (kg/m3);385\nSable 0/4 (kg/m3);790\nGravillon 6/14 (kg/m3);1005\nEau ajoutée (kg/m3);188,5\nEau efficace (kg/m3);173\n",
+        "Ciment (kg/m3);385\nSable 0/4 (kg/m3);790\nGravillon 6/14 (kg/m3);1005\nEau ajoutée (kg/m3);188,5\nEau \
+         efficace (kg/m3);173\n",
     );
     near(effective.water_kg_m3, 173.0);
     assert_eq!(effective.aggregates[1].name, "Gravillon 6/14");
@@ -336,7 +337,8 @@ fn what_is_open_is_asked() {
 #[test]
 fn amounts_in_american_units_are_read() {
     let recipe = one(
-        "MIX 6A   per cu yd\nCement        611 lb\nWater         33 gal\nSand (SSD)    1,250 lb\nStone #67 (SSD)  1,700 lb\nAEA           5 oz\nAir           6.0 %\n",
+        "MIX 6A   per cu yd\nCement        611 lb\nWater         33 gal\nSand (SSD)    1,250 lb\nStone #67 (SSD)  \
+         1,700 lb\nAEA           5 oz\nAir           6.0 %\n",
     );
     let pound = 0.453_592_37 / 0.764_554_857_984;
     contains(
@@ -347,7 +349,8 @@ fn amounts_in_american_units_are_read() {
     );
     assert_eq!(recipe.name.as_deref(), Some("MIX 6A"));
     let sacks = one(
-        "Cement = 7.05 sacks (Type IA)\nWater = 38.6 gallons\nCA = 17.0 cf or 1,768 lb/cy\nFA = 10.5 cf or 1,083 lb/cy\nAir content = 5 percent\n",
+        "Cement = 7.05 sacks (Type IA)\nWater = 38.6 gallons\nCA = 17.0 cf or 1,768 lb/cy\nFA = 10.5 cf or 1,083 \
+         lb/cy\nAir content = 5 percent\n",
     );
     near(sacks.cement_kg_m3, 7.05 * 94.0 * pound);
     near(sacks.aggregates[0].mass_kg_m3, 1768.0 * pound);
@@ -357,7 +360,8 @@ fn amounts_in_american_units_are_read() {
 #[test]
 fn absolute_volumes_give_masses_and_densities() {
     let recipe = one(
-        "Stoffraum;dm³/m³;Dichte kg/dm³\nZement;103,2;3,10\nWasser;176,0;1,00\nSand 0/4;310,0;2,62\nKies 4/16;390,0;2,65\nLuft;18,0;\n",
+        "Stoffraum;dm³/m³;Dichte kg/dm³\nZement;103,2;3,10\nWasser;176,0;1,00\nSand 0/4;310,0;2,62\nKies \
+         4/16;390,0;2,65\nLuft;18,0;\n",
     );
     contains(
         &recipe,
@@ -367,7 +371,8 @@ fn absolute_volumes_give_masses_and_densities() {
     );
     near(recipe.air_volume_fraction, 0.018);
     let recipe = one(
-        "Components,Water,Cement,Sand (FA),Coarse Aggregate\nBy Mass in Kg,197.00,410.00,632.00,1230.00\nBy Volume in M3,0.197,0. 1301,0.2395,0.4333\n",
+        "Components,Water,Cement,Sand (FA),Coarse Aggregate\nBy Mass in Kg,197.00,410.00,632.00,1230.00\nBy Volume \
+         in M3,0.197,0. 1301,0.2395,0.4333\n",
     );
     near(recipe.aggregates[0].density_kg_m3, 632.0 / 0.2395);
     near(recipe.cement_density_kg_m3, 410.0 / 0.1301);
@@ -376,7 +381,8 @@ fn absolute_volumes_give_masses_and_densities() {
 #[test]
 fn subtotals_and_totals_do_not_count_twice() {
     let recipe = one(
-        "Cement Content = 400 kg/m3\nw/c Ratio = 0.45\nsp. Gravity of cement = 3.15\nsp. Gravity of 10mm aggregate = 2.83\n\
+        "Cement Content = 400 kg/m3\nw/c Ratio = 0.45\nsp. Gravity of cement = 3.15\nsp. Gravity of 10mm aggregate \
+         = 2.83\n\
          sp. Gravity of 20mm aggregate = 2.83\nsp. Gravity of sand = 2.62\nwater content = 180 lit/m3\nC.A. = 1246.33 kg\n\
          60 %  20mm = 747.79 kg/m3\n40 %  10mm = 498.53 kg/m3\nF.A. = 617.44 kg/m3\n",
     );
@@ -395,7 +401,8 @@ fn subtotals_and_totals_do_not_count_twice() {
 #[test]
 fn fibres_and_admixtures_are_no_aggregate() {
     let recipe = one(
-        "Component\tkg/m³\tDensity g/cm³\nCEM I 52,5 R\t650\t3.10\nSilica fume\t65\t2.20\nQuartz sand 0.125/0.5\t1380\t2.65\n\
+        "Component\tkg/m³\tDensity g/cm³\nCEM I 52,5 R\t650\t3.10\nSilica fume\t65\t2.20\nQuartz sand \
+         0.125/0.5\t1380\t2.65\n\
          Water\t180\t1.00\nPCE superplasticizer (solids 30 %)\t20\t1.07\nSteel fibres 13 x 0.16 mm (2 vol.-%)\t157\t7.85\n",
     );
     contains(&recipe, 650.0, 180.0, &[("Quartz sand 0.125/0.5", 1380.0, Some(2650.0))]);
@@ -494,7 +501,8 @@ fn sentences_with_amounts_are_recipes() {
     let recipe = one("Zement 350 kg/m³, Wasser 175 kg/m³, Sand 0/2 700 kg/m³ und Kies 2/16 1100 kg/m³");
     contains(&recipe, 350.0, 175.0, &[("Sand 0/2", 700.0, None), ("Kies 2/16", 1100.0, None)]);
     let recipe = one(
-        "Ciment CEM II/A-LL 42,5 R : 320 kg/m3\nEau : 165 l/m3\nSable 0/4 : 810 kg/m3\nGravillon 4/12 : 1020 kg/m3\nAir : 1,5 %\n",
+        "Ciment CEM II/A-LL 42,5 R : 320 kg/m3\nEau : 165 l/m3\nSable 0/4 : 810 kg/m3\nGravillon 4/12 : 1020 \
+         kg/m3\nAir : 1,5 %\n",
     );
     contains(&recipe, 320.0, 165.0, &[("Sable 0/4", 810.0, None), ("Gravillon 4/12", 1020.0, None)]);
 }

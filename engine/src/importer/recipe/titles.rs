@@ -1,9 +1,8 @@
 //! What titles and heads say beside units: names of recipes, states of aggregates, volumes.
 
 use super::super::number::Decimal;
-use super::super::words::fold;
+use super::super::words::{fold, has};
 use super::units::batch_m3;
-use super::vocabulary::has;
 
 /// Whether a text says that parts are counted by volume.
 pub(super) fn says_volume(text: &str) -> bool {

@@ -34,8 +34,17 @@ impl Assembly<'_> {
             let absorbed = taken.filter(|_| has_aggregate);
             contents.water = Some(total - absorbed.unwrap_or(0.0));
             let text = match absorbed {
-                Some(absorbed) => format!("the effective water is the total of {} less {} that the dry aggregates take up", shown(total), shown(absorbed)),
-                None => "the total water is read as the effective water: the absorption of the aggregates is not stated".to_owned(),
+                Some(absorbed) => format!(
+                    "the effective water is the total of {} less {} that the dry aggregates \
+                    take up",
+                    shown(total),
+                    shown(absorbed)
+                ),
+                None => {
+                    "the total water is read as the effective water: the absorption of the aggregates is not \
+                    stated"
+                        .to_owned()
+                }
             };
             self.notes.push(Note::plain(None, text));
         }
@@ -43,8 +52,10 @@ impl Assembly<'_> {
             let held = held.filter(|_| has_aggregate);
             contents.water = Some(added + held.unwrap_or(0.0));
             let text = match held {
-                Some(held) => format!("the effective water is the added {} and {} on the surface of the aggregates", shown(added), shown(held)),
-                None => "the added water is read as the effective water: moisture and absorption of the aggregates are not stated".to_owned(),
+                Some(held) => format!("the effective water is the added {} and {} on the surface of the \
+                    aggregates", shown(added), shown(held)),
+                None => "the added water is read as the effective water: moisture and absorption of the aggregates \
+                    are not stated".to_owned(),
             };
             self.notes.push(Note::plain(None, text));
         }
@@ -100,7 +111,8 @@ impl Assembly<'_> {
                 let other = [0.0, 0.4, 1.0].into_iter().find(|&k| additions > 0.0 && fits(k));
                 let Some(other) = other else {
                     let text = format!(
-                        "the ratio of water is stated as {}, and the masses give {} ({} of water, {} of cement): correct the ratio, the water or the cement",
+                        "the ratio of water is stated as {}, and the masses give {} ({} of water, {} of cement): \
+                         correct the ratio, the water or the cement",
                         shown(ratio),
                         shown(of_k(k)),
                         shown(water),

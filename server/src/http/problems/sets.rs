@@ -53,7 +53,7 @@ problem_sets! {
         UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422, Busy 503;
     /// Of readings of mixes.
     MixReadingProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
-        UnsupportedMediaType 415, Busy 503;
+        UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of results.
     ResultProblems: ValidationError 400, NotFound 404, NotAcceptable 406, ResultNotReady 409, JobFailed 409, ResultDamaged 410,
         RangeNotSatisfiable 416, Busy 503;

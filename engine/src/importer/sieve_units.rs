@@ -3,7 +3,8 @@
 
 use super::block::{Block, BlockRow};
 use super::curve::About;
-use super::sieve::{Label, Size, Unit};
+use super::openings::Unit;
+use super::sieve::{Label, Size};
 use super::{Level, Note, Refusal};
 use crate::request::MAX_CURVE_POINTS;
 
