@@ -260,7 +260,9 @@ async fn a_client_that_polls_sees_the_progress_of_a_job_elsewhere() {
 #[tokio::test]
 async fn a_server_that_dies_costs_its_workers_nothing() {
     let (data_dir, folder) = (DataDir::new(), tempfile::tempdir().unwrap());
-    let server = server(&data_dir).await;
+    // Longer than a start takes on a machine that has other work: a lease cannot be renewed before.
+    let launch = || launch(&data_dir).env("PACKSTONE_LEASE_S", "30");
+    let server = launch().start().await;
     let address = server.address().to_string();
     let worker = worker(folder.path(), &server, "one", &[]);
     let job = jobs::growth();
@@ -268,7 +270,7 @@ async fn a_server_that_dies_costs_its_workers_nothing() {
     let id = id_of(&submitted).to_owned();
     server.client().job_when(&id, "growing", |job| job["progress"]["phase"] == "edmd").await;
     server.kill().await;
-    let server = launch(&data_dir).listen(&address).start().await;
+    let server = launch().listen(&address).start().await;
     let client = server.client();
     let done = client.finished(&id).await;
     assert_eq!((&done["state"], &done["attempt"]), (&json!("succeeded"), &json!(1)), "{done:#}");

@@ -8,7 +8,8 @@ import { get, Problem, request as ask, send } from "./api.js";
 import { byId, duration, h, number, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
 import { CodePart } from "./form-code.js";
-import { curve, pointsOf } from "./form-curve.js";
+import { chart } from "./form-chart.js";
+import { offerStandards } from "./form-standards.js";
 import { addAggregate, areMasses, removeAggregate } from "./form-aggregates.js";
 import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
@@ -43,8 +44,10 @@ let given = { grid: {}, replicates: 10 };
 const tables = new Tables(form, takeMix, () => changed());
 const code = new CodePart(byId("code"), (request) => fill(request));
 
-/** @type {{name: string, points: [number, number][]}[]} */
-let curves = [];
+/** @type {import("./form-standards.js").Standard[]} */
+let standards = [];
+/** The largest grain of the last plan, in mm. @type {number | null} */
+let largest = null;
 /** @type {{name: string, about: string}[]} */
 let presets = [];
 /** @type {AbortController | null} */
@@ -111,6 +114,7 @@ function fill(request) {
 function changed() {
   byId("study").hidden = runs() !== "study";
   fields.arrange();
+  offerStandards(form, standards);
   clearTimeout(timer);
   asking?.abort();
   asking = null;
@@ -126,8 +130,7 @@ function changed() {
     text(place, presets.find((preset) => preset.name === select?.value)?.about ?? "");
   }
   byId("volume_fraction").setAttribute("placeholder", areMasses(job.mix?.aggregates) ? "of the masses" : "");
-  const points = pointsOf(job.mix, curves);
-  replace(byId("drawing"), drawing(job.specimen, points.at(-1)?.[0] ?? null));
+  replace(byId("drawing"), drawing(job.specimen, largest));
   code.set(request);
   text(submit, runs() === "study" ? "Pack all" : "Pack");
   performance.mark("changed");
@@ -149,10 +152,11 @@ async function plan() {
     study?.mark([]);
     // What the server decides is drawn as the server has it.
     const finest = document.classes[0]?.d_min_mm ?? null;
-    const chart = curve(pointsOf(planned.point.mix, curves), finest, curves);
-    replace(byId("drawing"), drawing(planned.point.specimen, document.classes.at(-1)?.d_max_mm ?? null));
+    largest = document.classes.at(-1)?.d_max_mm ?? null;
+    const drawn = chart(document.curve ?? [], finest, planned.point.mix?.grading, standards);
+    replace(byId("drawing"), drawing(planned.point.specimen, largest));
     byId("d_min").setAttribute("placeholder", job.mix?.aggregates || finest === null ? "" : number(finest));
-    showPlan(answer, document, { request: job, note: planned.note, chart, use });
+    showPlan(answer, document, { request: job, note: planned.note, chart: drawn, use });
     replace(
       byId("forecast"),
       h("strong", {}, `${grains(document.grains)} grains`),
@@ -295,7 +299,7 @@ addEventListener("pageshow", (event) => {
 });
 start();
 get("/v1/capabilities").then((capabilities) => {
-  curves = capabilities.standard_curves;
+  standards = capabilities.standard_gradings;
   presets = capabilities.shape_presets;
   changed();
 }, report);

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use packstone_engine::importer::{MixReading, ReadOptions, Verdict, read};
+use packstone_engine::request::{Grading, Standard, standard};
 use serde_json::Value;
 
 fn folder() -> PathBuf {
@@ -290,4 +291,20 @@ fn damaged_inputs_have_an_answer() {
 #[ignore = "long: cargo test --release -p packstone-engine --test suite mixes -- --ignored --nocapture"]
 fn a_hundred_thousand_damaged_inputs_have_an_answer() {
     fuzz(100_000);
+}
+
+#[test]
+fn the_document_lists_every_grading() {
+    let document =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/mixes.md")).unwrap();
+    for name in Grading::types() {
+        let is_listed =
+            document.lines().any(|line| line.starts_with("| `") && line.contains(&format!("`{name}`")));
+        assert!(is_listed, "{name}");
+    }
+    for (name, of) in Standard::NAMES {
+        let names: Vec<String> =
+            standard::of_standard(of).map(|grading| format!("`{}`", grading.name)).collect();
+        assert!(document.contains(&format!("\n| `{name}` | {} |\n", names.join(", "))), "{name}: {names:?}");
+    }
 }

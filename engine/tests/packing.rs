@@ -34,6 +34,32 @@ fn grading() -> impl Strategy<Value = Value> {
             .prop_map(|(d, q)| json!({"type": "fuller", "d_max_mm": d, "exponent": q})),
         (2.5..10.0_f64).prop_map(|d| json!({"type": "monodisperse", "diameter_mm": d})),
         Just(json!({"type": "sieves", "points": [[1.0, 0.1], [4.0, 0.1], [8.0, 1.0]]})),
+        law(),
+    ]
+}
+
+/// Curves by formulas, laws of sizes, and bands of standards.
+fn law() -> impl Strategy<Value = Value> {
+    let by = || prop::sample::select(vec!["mass", "number"]);
+    prop_oneof![
+        (4.0..9.0_f64, 0.02..0.4_f64, by())
+            .prop_map(|(median, sigma, by)| json!({"type": "lognormal", "median_mm": median, "sigma": sigma, "by": by})),
+        (4.0..9.0_f64, 0.1..1.0_f64, by()).prop_map(|(mean, deviation, by)| {
+            json!({"type": "normal", "mean_mm": mean, "standard_deviation_mm": deviation, "by": by})
+        }),
+        (4.0..9.0_f64, 3.0..20.0_f64, by()).prop_map(|(scale, shape, by)| {
+            json!({"type": "weibull", "scale_mm": scale, "shape": shape, "by": by, "d_min_mm": 2, "d_max_mm": 11})
+        }),
+        (0.1..1.0_f64).prop_map(|q| json!({"type": "andreasen", "d_min_mm": 2, "d_max_mm": 8, "exponent": q})),
+        (0.0..20.0_f64).prop_map(|a| json!({"type": "bolomey", "d_max_mm": 12, "a_percent": a})),
+        (0.0..9.0_f64).prop_map(|k| json!({"type": "dreux_gorisse", "d_max_mm": 12, "k_percent": k})),
+        (10.0..40.0_f64).prop_map(|a| json!({"type": "faury", "d_max_mm": 12, "a_percent": a})),
+        by().prop_map(|by| json!({"type": "sizes", "by": by, "sizes": [
+            {"diameter_mm": 3, "share": 5}, {"diameter_mm": 7, "share": 2},
+        ]})),
+        prop::sample::select(vec!["lower", "middle", "upper"]).prop_map(
+            |curve| json!({"type": "standard", "standard": "ASTM C33", "name": "8", "curve": curve})
+        ),
     ]
 }
 

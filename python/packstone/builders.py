@@ -6,7 +6,7 @@ well. Bounds are checked by the engine, whose errors name the field, the value a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import readings
@@ -42,7 +42,18 @@ if TYPE_CHECKING:
         postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
 
 
-StandardCurve = Literal["A8", "B8", "C8", "A16", "B16", "C16", "A32", "B32", "C32"]
+StandardName = Literal[
+    "DIN 1045-2",
+    "ASTM C33",
+    "AASHTO M 43",
+    "EN 12620",
+    "EN 196-1",
+    "IS 383",
+    "BS 882",
+    "GB/T 14685",
+    "AREMA",
+]
+By = Literal["mass", "number"]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "side"]
 
 
@@ -91,14 +102,128 @@ class Grading(_Fields):
     """The mass fraction of the aggregate that passes each sieve."""
 
     @classmethod
-    def standard(cls, name: StandardCurve) -> Grading:
-        """A grading curve of DIN 1045-2."""
-        return cls(type="standard", name=name)
+    def standard(
+        cls,
+        name: str,
+        standard: StandardName | None = None,
+        curve: Literal["lower", "middle", "upper"] | None = None,
+    ) -> Grading:
+        """A grading of a standard: a curve of DIN 1045-2, or one between the limits of a band.
+
+        `name` is that of the grading in the standard, as ``"A16"`` or, of ``"ASTM C33"``, ``"57"``;
+        :meth:`Client.capabilities` lists all. Of a band, `curve` is the middle unless it is named.
+        """
+        return cls(type="standard", standard=standard, name=name, curve=curve)
 
     @classmethod
     def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
         """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
         return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def andreasen(cls, d_min_mm: float, d_max_mm: float, exponent: float) -> Grading:
+        """The modified Andreasen curve: (d^q - d_min^q) / (d_max^q - d_min^q) is finer than d."""
+        return cls(type="andreasen", d_min_mm=d_min_mm, d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def bolomey(cls, d_max_mm: float, a_percent: float) -> Grading:
+        """Bolomey's curve of aggregate and cement together: A + (1 - A) (d / d_max)^0.5 is finer than d."""
+        return cls(type="bolomey", d_max_mm=d_max_mm, a_percent=a_percent)
+
+    @classmethod
+    def faury(
+        cls, d_max_mm: float, a_percent: float, b_percent: float | None = None, mould_radius_mm: float | None = None
+    ) -> Grading:
+        """Faury's curve of aggregate and cement together; `mould_radius_mm` is the mould's volume over its area."""
+        return cls(
+            type="faury",
+            d_max_mm=d_max_mm,
+            a_percent=a_percent,
+            b_percent=b_percent,
+            mould_radius_mm=mould_radius_mm,
+        )
+
+    @classmethod
+    def dreux_gorisse(cls, d_max_mm: float, k_percent: float, d_min_mm: float | None = None) -> Grading:
+        """The curve of Dreux and Gorisse, with the correction K in percent."""
+        return cls(type="dreux_gorisse", d_min_mm=d_min_mm, d_max_mm=d_max_mm, k_percent=k_percent)
+
+    @classmethod
+    def lognormal(
+        cls,
+        median_mm: float,
+        sigma: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """A lognormal law; `sigma` is the standard deviation of ln d.
+
+        The shares of the ``mass`` (the default) or of the ``number`` of grains follow it. The bounds that are not
+        given are the diameters that 0.1 % and 99.9 % are finer than.
+        """
+        return cls(type="lognormal", median_mm=median_mm, sigma=sigma, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
+
+    @classmethod
+    def normal(
+        cls,
+        mean_mm: float,
+        standard_deviation_mm: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """A normal law between two bounds, which are those of :meth:`lognormal` where they are not given."""
+        return cls(
+            type="normal",
+            mean_mm=mean_mm,
+            standard_deviation_mm=standard_deviation_mm,
+            by=by,
+            d_min_mm=d_min_mm,
+            d_max_mm=d_max_mm,
+        )
+
+    @classmethod
+    def weibull(
+        cls,
+        scale_mm: float,
+        shape: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """Weibull's law: 1 - exp(-(d / scale)^shape) is finer than d. Bounds as those of :meth:`lognormal`."""
+        return cls(type="weibull", scale_mm=scale_mm, shape=shape, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
+
+    @classmethod
+    def rosin_rammler(
+        cls,
+        characteristic_mm: float,
+        exponent: float,
+        *,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """The law of Rosin and Rammler: Weibull's, by mass. 63.2 % of the mass pass `characteristic_mm`."""
+        return cls(
+            type="rosin_rammler",
+            characteristic_mm=characteristic_mm,
+            exponent=exponent,
+            d_min_mm=d_min_mm,
+            d_max_mm=d_max_mm,
+        )
+
+    @classmethod
+    def sizes(cls, sizes: Iterable[Sequence[float]], by: By | None = None) -> Grading:
+        """Single sizes: pairs of the diameter in mm and its share, by ``mass`` (the default) or ``number``.
+
+        Shares count by their ratios: numbers of grains are shares as well.
+        """
+        shares = [{"diameter_mm": float(diameter), "share": float(share)} for diameter, share in sizes]
+        return cls(type="sizes", sizes=shares, by=by)
 
     @classmethod
     def sieves(
@@ -287,7 +412,7 @@ class Aggregate(_Fields):
     def __init__(
         self,
         share: float | None = None,
-        grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
+        grading: str | Grading | Mapping[str, Any] | None = None,
         *,
         name: str | None = None,
         mass_kg_m3: float | None = None,
@@ -308,7 +433,7 @@ class Aggregate(_Fields):
         )
 
 
-def _grading(grading: StandardCurve | Grading | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+def _grading(grading: str | Grading | Mapping[str, Any] | None) -> Mapping[str, Any] | None:
     return Grading.standard(grading) if isinstance(grading, str) else grading
 
 
@@ -319,7 +444,7 @@ def _shapes(shapes: Sequence[tuple[float, Shape]] | None) -> list[dict[str, Any]
 class Mix(_Fields):
     """The aggregate: its grading, its smallest and largest diameter, and its amount.
 
-    `grading` is a :class:`Grading` or the name of a standard curve; `aggregates` takes its place in a mix of several
+    `grading` is a :class:`Grading` or the name of a curve of DIN 1045-2; `aggregates` takes its place in a mix of several
     aggregates, each with its own grading and shapes. The amount is a `volume_fraction` (``"maximize"`` for as dense as
     these grains get) or follows from `proportions`, or from the masses of the aggregates. `volume_fraction_of` says
     what the fraction counts: ``all_aggregate`` (the default), including the part finer than `d_min_mm` and that coarser
@@ -332,7 +457,7 @@ class Mix(_Fields):
 
     def __init__(
         self,
-        grading: StandardCurve | Grading | Mapping[str, Any] | None = None,
+        grading: str | Grading | Mapping[str, Any] | None = None,
         volume_fraction: float | Literal["maximize"] | None = None,
         *,
         aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,

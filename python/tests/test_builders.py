@@ -110,6 +110,24 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
                 ],
             ),
         },
+        *(
+            {"specimen": Box(60), "mix": Mix(grading, 0.2)}
+            for grading in (
+                Grading.standard("8", "ASTM C33", "upper"),
+                Grading.standard("5-20", "GB/T 14685"),
+                Grading.andreasen(2, 12, 0.3),
+                Grading.bolomey(12, 10),
+                Grading.faury(12, 24),
+                Grading.faury(12, 24, 2, mould_radius_mm=40),
+                Grading.dreux_gorisse(12, 2),
+                Grading.lognormal(6, 0.3, by="number"),
+                Grading.normal(6, 1, d_max_mm=8),
+                Grading.weibull(6, 4, by="mass", d_min_mm=3),
+                Grading.rosin_rammler(6, 4),
+                Grading.sizes([(4, 100), (8, 12)], by="number"),
+                Grading.sizes(np.array([[4, 0.4], [8, 0.6]])),
+            )
+        ),
         {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.polyhedron())},
         {
             "specimen": Box(40),

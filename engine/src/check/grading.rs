@@ -19,15 +19,14 @@
 //! Where a mix has several aggregates, the grains of each are judged by its own curve and its share of the volume.
 //!
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
-//! ([`crate::mix::sampling`]); the table of the standard curves is data that both read.
+//! ([`crate::mix::sampling`]); the numbers of a curve or a law ([`Form`]) are data that both read.
 
 use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
 
-use super::Extent;
+use super::{Extent, law};
 use crate::elementary::{ln, powf};
 use crate::packing::{AggregateReport, ClassReport};
-use crate::request::standard;
-use crate::request::{Between, Grading, Mix, MixPart, PackingRequest, SizeClass, Specimen, VolumeFractionOf};
+use crate::request::{Form, Grading, Mix, MixPart, PackingRequest, SizeClass, Specimen, VolumeFractionOf};
 use crate::sorting;
 
 /// Sums of millions of volumes agree to this.
@@ -316,13 +315,23 @@ fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport>
 
 /// Share of the mass of a class between two sizes in it.
 fn share_between(grading: &Grading, class: &ClassReport, low: f64, high: f64) -> f64 {
-    match grading {
-        Grading::Fuller { exponent, .. } => {
-            let passing = |d: f64| powf(d, *exponent);
-            (passing(high) - passing(low)) / (passing(class.d_max_mm) - passing(class.d_min_mm))
+    let ends = (class.d_min_mm, class.d_max_mm);
+    match grading.form() {
+        Form::Power { exponent, .. } => straight_share(Some(exponent), ends, (low, high)),
+        Form::Points { power, .. } => straight_share(power, ends, (low, high)),
+        Form::Distribution(distribution) => {
+            law::share(&distribution, low, high) / law::share(&distribution, ends.0, ends.1)
         }
-        Grading::Sieves { between: Between::Linear, .. } => (high - low) / (class.d_max_mm - class.d_min_mm),
-        _ => ln(high / low) / ln(class.d_max_mm / class.d_min_mm),
+        _ => straight_share(None, ends, (low, high)),
+    }
+}
+
+/// Share of a class between two diameters in it, where the curve is straight in a power of the diameter, or in its
+/// logarithm.
+fn straight_share(power: Option<f64>, (low, high): (f64, f64), (from, to): (f64, f64)) -> f64 {
+    match power {
+        None => ln(to / from) / ln(high / low),
+        Some(power) => (powf(to, power) - powf(from, power)) / (powf(high, power) - powf(low, power)),
     }
 }
 
@@ -385,35 +394,39 @@ fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassR
 /// The classes between the cut-off and the largest diameter with their shares of the mass of all aggregate in place of
 /// volumes.
 fn mass_shares(grading: &Grading, (d_min, d_max): (f64, f64)) -> Vec<ClassReport> {
-    // The share of a class that is placed: linear in ln d, or in d.
-    let kept = |low: f64, high: f64, share: f64, between: Between| {
+    // The share of a class that is placed.
+    let kept = |low: f64, high: f64, share: f64, power: Option<f64>| {
         let (from, to) = (low.max(d_min), high.min(d_max));
-        let kept = match between {
-            _ if from <= low && to >= high => 1.0,
-            Between::Log => ln(to / from) / ln(high / low),
-            Between::Linear => (to - from) / (high - low),
-        };
+        let is_whole = from <= low && to >= high;
+        let kept = if is_whole { 1.0 } else { straight_share(power, (low, high), (from, to)) };
         (share > 0.0 && from < to).then(|| class((from, to), share * kept))
     };
-    let of_points = |points: &[[f64; 2]], between: Between| {
-        points.windows(2).filter_map(|p| kept(p[0][0], p[1][0], p[1][1] - p[0][1], between)).collect()
-    };
-    match grading {
-        Grading::Standard { name } => of_points(standard::points(*name), Between::Log),
-        Grading::Sieves { points, between, .. } => of_points(points, *between),
-        Grading::Fuller { d_max_mm, exponent } => {
-            let passing = |d: f64| powf(d / d_max_mm, *exponent);
-            between_sieves((d_min, d_max_mm.min(d_max)))
+    match grading.form() {
+        Form::Points { points, power } => {
+            points.windows(2).filter_map(|p| kept(p[0][0], p[1][0], p[1][1] - p[0][1], power)).collect()
+        }
+        Form::Power { d_min_mm, d_max_mm, exponent, finer } => {
+            let risen = |d: f64| powf(d, exponent) - powf(d_min_mm, exponent);
+            let passing = |d: f64| finer + (1.0 - finer) * risen(d) / risen(d_max_mm);
+            between_sieves((d_min.max(d_min_mm), d_max_mm.min(d_max)))
                 .map(|(low, high)| class((low, high), passing(high) - passing(low)))
                 .collect()
         }
-        Grading::Classes { classes } => {
-            let of_class = |c: &SizeClass| kept(c.d_min_mm, c.d_max_mm, c.mass_fraction, Between::Log);
+        Form::Distribution(distribution) => {
+            let ends = (d_min.max(distribution.d_min_mm), distribution.d_max_mm.min(d_max));
+            let of_sieves = between_sieves(ends)
+                .map(|(low, high)| class((low, high), law::share(&distribution, low, high)));
+            of_sieves.filter(|class| class.target_volume_mm3 > 0.0).collect()
+        }
+        Form::Classes(classes) => {
+            let of_class = |c: &SizeClass| kept(c.d_min_mm, c.d_max_mm, c.mass_fraction, None);
             classes.iter().filter_map(of_class).collect()
         }
-        Grading::Monodisperse { diameter_mm } if *diameter_mm > d_max => Vec::new(),
-        Grading::Monodisperse { diameter_mm } => vec![class((*diameter_mm, *diameter_mm), 1.0)],
-        Grading::Diameters { .. } => Vec::new(),
+        Form::Sizes(sizes) => {
+            let placed = sizes.iter().filter(|[mm, _]| (d_min..=d_max).contains(mm));
+            placed.map(|&[mm, share]| class((mm, mm), share)).collect()
+        }
+        Form::List(_) => Vec::new(),
     }
 }
 

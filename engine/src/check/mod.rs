@@ -36,6 +36,7 @@ mod body;
 mod convex;
 mod double_double;
 mod grading;
+mod law;
 mod packing;
 mod required;
 mod separation;

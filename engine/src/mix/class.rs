@@ -8,13 +8,16 @@
 //! - Fuller's curve `F = (d / d_max)^q` ([`Law::Fuller`]): with `s = q - 3`,
 //!   `F_N(d) = (a^s - d^s) / (a^s - b^s)`, `d = (a^s - u (a^s - b^s))^(1/s)`, and
 //!   `N = V q (b^s - a^s) / (s (b^q - a^q)) / (pi/6)`.
+//! - A law of sizes ([`Law::Distribution`]) has no such forms: it is divided into narrow classes with `F` linear in
+//!   `ln d`.
 //!
 //! Grains that are no spheres have shapes that do not depend on their size, so that the distributions of sizes stay and
 //! the numbers are divided by the mean of their volume over that of the sphere of the same size
 //! ([`Class::volume_ratio`]).
 
-use super::sphere_volume;
+use super::{distribution, sphere_volume};
 use crate::elementary::{cbrt, exp, exp2, ln, log2, powf};
+use crate::request::Distribution;
 
 /// How mass is spread over the diameters of a class.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,6 +29,8 @@ pub enum Law {
         /// Exponent `q`, `0 < q <= 1`.
         exponent: f64,
     },
+    /// A law of sizes, which is divided into narrow classes before grains are drawn from it.
+    Distribution(Distribution),
     /// All grains of one diameter.
     Single,
 }
@@ -80,6 +85,9 @@ impl Class {
 
     /// The class in parts of at most a twelfth of an octave, with the same law.
     pub fn narrow(&self) -> Vec<Self> {
+        if let Law::Distribution(law) = &self.law {
+            return distribution::narrow(law, self);
+        }
         let octaves = log2(self.high_mm / self.low_mm);
         let n = (octaves * super::CLASSES_PER_OCTAVE).ceil().max(1.0) as usize;
         let edge = |i: usize| match i {
@@ -102,6 +110,7 @@ impl Class {
         match self.law {
             Law::LogUniform => ln(to / from) / ln(b / a),
             Law::Fuller { exponent: q } => (powf(to, q) - powf(from, q)) / (powf(b, q) - powf(a, q)),
+            Law::Distribution(law) => distribution::mass(&law, from, to) / distribution::mass(&law, a, b),
             Law::Single => 1.0,
         }
     }
@@ -116,6 +125,7 @@ impl Class {
                     / ((q - 3.0) * (powf(b, q) - powf(a, q)))
                     / std::f64::consts::FRAC_PI_6
             }
+            Law::Distribution(_) => return distribution::grains_per_volume(self),
             Law::Single => 1.0 / sphere_volume(a),
         };
         spheres / self.volume_ratio
@@ -131,6 +141,7 @@ impl Class {
                 let (a_s, b_s) = (powf(a, s), powf(b, s));
                 powf(a_s - u * (a_s - b_s), 1.0 / s)
             }
+            Law::Distribution(_) => distribution::diameter(self, u),
             Law::Single => a,
         };
         // Rounding may leave the class by a last digit; the grading check must not see that.
@@ -144,13 +155,12 @@ impl Class {
         // Three-point rule; see Abramowitz and Stegun, table 25.4.
         const NODE: f64 = 0.774_596_669_241_483_4;
         const NODES: [(f64, f64); 3] = [(-NODE, 5.0 / 9.0), (0.0, 8.0 / 9.0), (NODE, 5.0 / 9.0)];
-        if self.law == Law::Single {
-            return f(self.low_mm);
-        }
         // In u the coarse end is steep; in ln d the integrand is smooth. Weight by dF_N/dln d ~ d^(q-3).
         let q = match self.law {
+            Law::LogUniform => 0.0,
             Law::Fuller { exponent } => exponent,
-            _ => 0.0,
+            Law::Distribution(_) => return distribution::mean_of(self, f),
+            Law::Single => return f(self.low_mm),
         };
         let (from, to) = (ln(self.low_mm), ln(self.high_mm));
         let half = (to - from) / (2.0 * PANELS as f64);

@@ -7,7 +7,9 @@
 //! it is inserted ([`draw_orientation`]).
 
 pub mod class;
+mod curve;
 pub(crate) mod deviation;
+mod distribution;
 pub mod orientation;
 pub mod sampling;
 pub mod shapes;
@@ -15,9 +17,10 @@ pub mod sieve;
 mod templates;
 
 use crate::elementary::{cbrt, ln, powf};
-use crate::request::{Between, Grading, GrainKind, Mix, VolumeFractionOf, standard};
+use crate::request::{Form, GrainKind, Mix, VolumeFractionOf};
 use crate::sorting;
 use class::{Class, Law};
+pub use curve::curve;
 pub use deviation::MAX_DEVIATION;
 pub use orientation::{draw_orientation, uniform_orientation};
 pub use shapes::ShapeSampler;
@@ -74,7 +77,7 @@ impl GradedMix {
         let parts = mix.parts();
         let mut sieve_classes = Vec::new();
         for (number, part) in parts.iter().enumerate() {
-            let above = classes_above(part.grading, part.d_min_mm.unwrap_or(0.0));
+            let above = classes_above(&part.grading.form(), part.d_min_mm.unwrap_or(0.0));
             let placed =
                 above.into_iter().filter_map(|class| class.below(mix.d_max_mm.unwrap_or(f64::INFINITY)));
             sieve_classes.extend(placed.map(|class| Class {
@@ -251,19 +254,26 @@ fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
 }
 
 /// The classes of a grading above the cut-off, from fine to coarse.
-fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
-    match grading {
-        Grading::Standard { name } => piecewise(standard::points(*name), Law::LogUniform, d_min),
-        Grading::Sieves { points, between, .. } => {
-            // A curve that is linear in d has the density of Fuller's with the exponent 1.
-            let law = match between {
-                Between::Log => Law::LogUniform,
-                Between::Linear => Law::Fuller { exponent: 1.0 },
-            };
+fn classes_above(form: &Form<'_>, d_min: f64) -> Vec<Class> {
+    match form {
+        Form::Points { points, power } => {
+            // A curve that is linear in a power of d has the density of Fuller's with this exponent.
+            let law = power.map_or(Law::LogUniform, |exponent| Law::Fuller { exponent });
             piecewise(points, law, d_min)
         }
-        Grading::Fuller { d_max_mm, exponent } => fuller(*d_max_mm, *exponent, d_min),
-        Grading::Classes { classes } => classes
+        Form::Power { d_min_mm, d_max_mm, exponent, finer } => {
+            let least = powf(d_min_mm / d_max_mm, *exponent);
+            let passing =
+                |d: f64| finer + (1.0 - finer) * (powf(d / d_max_mm, *exponent) - least) / (1.0 - least);
+            let law = Law::Fuller { exponent: *exponent };
+            let mut classes = sieve::between(d_min.max(*d_min_mm), *d_max_mm, law);
+            for class in &mut classes {
+                class.mass_fraction = passing(class.high_mm) - passing(class.low_mm);
+            }
+            classes
+        }
+        Form::Distribution(law) => distribution::classes(law, d_min),
+        Form::Classes(classes) => classes
             .iter()
             .filter_map(|c| {
                 Class {
@@ -277,17 +287,14 @@ fn classes_above(grading: &Grading, d_min: f64) -> Vec<Class> {
                 .above(d_min)
             })
             .collect(),
-        Grading::Monodisperse { diameter_mm } => {
-            vec![Class {
-                law: Law::Single,
-                low_mm: *diameter_mm,
-                high_mm: *diameter_mm,
-                mass_fraction: 1.0,
-                volume_ratio: 1.0,
-                part: 0,
-            }]
-        }
-        Grading::Diameters { .. } => Vec::new(),
+        Form::Sizes(sizes) => sizes
+            .iter()
+            .filter_map(|&[mm, mass_fraction]| {
+                Class { law: Law::Single, low_mm: mm, high_mm: mm, mass_fraction, volume_ratio: 1.0, part: 0 }
+                    .above(d_min)
+            })
+            .collect(),
+        Form::List(_) => Vec::new(),
     }
 }
 
@@ -301,16 +308,6 @@ fn piecewise(points: &[[f64; 2]], law: Law, d_min: f64) -> Vec<Class> {
             if class.mass_fraction > 0.0 { class.above(d_min) } else { None }
         })
         .collect()
-}
-
-/// Fuller's curve between the standard sieves.
-fn fuller(d_max: f64, exponent: f64, d_min: f64) -> Vec<Class> {
-    let passing = |d: f64| powf(d / d_max, exponent);
-    let mut classes = sieve::between(d_min, d_max, Law::Fuller { exponent });
-    for class in &mut classes {
-        class.mass_fraction = passing(class.high_mm) - passing(class.low_mm);
-    }
-    classes
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
 use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
-use crate::mix::{GradedMix, deviation};
+use crate::mix::{GradedMix, curve, deviation};
 use crate::request::{
     Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
 };
@@ -92,6 +92,11 @@ pub struct Plan {
     pub extrapolations: Vec<String>,
     /// Expected grains by size class, from fine to coarse.
     pub classes: Vec<ClassPlan>,
+    /// The grading curve of all aggregate, told by a dry run: `[diameter in mm, mass fraction passing]` from fine to
+    /// coarse. A single size has two points, before and after it. Empty for an explicit list.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub curve: Vec<[f64; 2]>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
     /// Where growth of spheres starts, and what it is expected to take.
@@ -262,6 +267,7 @@ impl Plan {
             proposal: None,
             extrapolations: case.extrapolations(),
             classes,
+            curve: Vec::new(),
             warnings,
             growth: case.growth(),
             keeps_checkpoints: grows || is_maximized,
@@ -269,9 +275,10 @@ impl Plan {
         })
     }
 
-    /// Adds the proposal to the plan of this request.
+    /// Adds to the plan of this request what a dry run tells beside it: the proposal and the grading curve.
     #[must_use]
     pub fn with_proposal(mut self, request: &PackingRequest) -> Self {
+        self.curve = curve(&request.mix);
         let densest = Drawing::expected(request);
         let drawn = densest.map(|drawing| drawing.of(request));
         let request = drawn.as_ref().unwrap_or(request);
@@ -471,7 +478,7 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest
     let grains = mix.expected_grains();
     let mut warnings = Vec::new();
     for part in request.mix.parts() {
-        warnings.extend(part.grading.completions());
+        warnings.extend(part.grading.completions(part.d_min_mm.unwrap_or(0.0)));
     }
     if let (true, Some(wall_gap_mm)) = (request.specimen.is_periodic(), request.distance.wall_gap_mm()) {
         warnings.push(format!(

@@ -6,10 +6,10 @@
 use serde::Serialize;
 
 use super::decode::{At, Bound, Object, all, bounded, rounded};
-use super::grading::{check_d_min, described_range, read_d_min, read_grading};
+use super::grading::{check_d_min, read_d_min, read_grading};
 use super::proportions::{DENSITY, MASS};
 use super::shape::read_mix_shapes;
-use super::{DEFAULT_D_MIN_MM, Grading, GrainShape, Mix, ShapeClass};
+use super::{Grading, GrainShape, Mix, ShapeClass};
 
 /// Most aggregates of a mix.
 pub const MAX_AGGREGATES: usize = 16;
@@ -204,7 +204,7 @@ pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Aggr
         return None;
     }
     let is_below = |aggregate: &Aggregate| {
-        aggregate.d_min_mm.is_none() && d_min_mm.is_some_and(|d| described_range(&aggregate.grading).1 <= d)
+        aggregate.d_min_mm.is_none() && d_min_mm.is_some_and(|d| aggregate.grading.form().range_mm().1 <= d)
     };
     if let (Some(d), true) = (d_min_mm, aggregates.iter().all(is_below)) {
         at.fault(format!(
@@ -278,12 +278,11 @@ fn read_cut_off(
     }
     match (given, of_mix_mm) {
         // Finer than the cut-off of the mix: mortar as a whole.
-        (None, Some(d)) if described_range(grading).1 <= d => Some(None),
+        (None, Some(d)) if grading.form().range_mm().1 <= d => Some(None),
         (None, Some(d)) => check_d_min(grading, Some(d), grading_at).map(|()| None),
         (given, _) => {
             check_d_min(grading, given, d_min_at.as_ref().unwrap_or(grading_at))?;
-            let has_default = matches!(grading, Grading::Standard { .. } | Grading::Fuller { .. });
-            Some(given.or(has_default.then_some(DEFAULT_D_MIN_MM)))
+            Some(given.or(grading.default_d_min_mm()))
         }
     }
 }

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::super::{GrainKind, PackingRequest};
 use super::*;
+use crate::request::DEFAULT_D_MIN_MM;
 
 fn mix(mix: &Value) -> Result<Mix, Vec<String>> {
     let request = json!({"specimen": {"type": "box", "size_mm": [100, 100, 100]}, "mix": mix});

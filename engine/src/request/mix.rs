@@ -2,13 +2,10 @@
 
 use super::aggregate::{Aggregates, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
-use super::grading::{LENGTH, check_d_min, described_range, read_d_min, read_grading};
+use super::grading::{LENGTH, check_d_min, read_d_min, read_grading};
 use super::proportions::{MixProportions, read_proportions};
 use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
-use super::{
-    DEFAULT_D_MIN_MM, Grading, MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction,
-    VolumeFractionOf,
-};
+use super::{MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction, VolumeFractionOf};
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
 
@@ -78,8 +75,7 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         Some(grading_at) => {
             let grading = grading.as_mut()?;
             check_d_min(grading, d_min, d_min_at.as_ref().unwrap_or(&grading_at))?;
-            let has_default = matches!(grading, Grading::Standard { .. } | Grading::Fuller { .. });
-            d_min.or(has_default.then_some(DEFAULT_D_MIN_MM))
+            d_min.or(grading.default_d_min_mm())
         }
     };
     let mix = Mix {
@@ -114,7 +110,7 @@ fn check_d_max(at: &At<'_>, d_max_mm: f64, mix: &Mix) -> Option<()> {
     let is_left = match mix.listed_diameters_mm() {
         Some(list) => list.iter().any(|&d| mix.places_mm(d)),
         None => mix.parts().iter().any(|part| {
-            let (low, high) = described_range(part.grading);
+            let (low, high) = part.grading.form().range_mm();
             let least = part.d_min_mm.unwrap_or(0.0).max(low);
             // Equal grains have a diameter and no range.
             if low < high { least < d_max_mm && least < high } else { high <= d_max_mm }

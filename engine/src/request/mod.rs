@@ -8,7 +8,7 @@ pub mod aggregate;
 mod axis;
 pub mod decode;
 pub mod edmd;
-mod grading;
+pub mod grading;
 pub mod materials;
 mod mix;
 pub mod monte_carlo;
@@ -20,7 +20,6 @@ mod schema;
 pub mod segregation;
 pub mod shape;
 mod sieves;
-pub mod standard;
 
 use serde::Serialize;
 
@@ -29,7 +28,10 @@ pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
-pub use grading::{Between, Grading, SizeClass, StandardCurve};
+pub use grading::{
+    Between, By, Distribution, DistributionLaw, Form, Grading, LimitCurve, SizeClass, SizeShare, Standard,
+    standard,
+};
 pub use materials::{Material, Materials};
 pub use monte_carlo::MonteCarloStop;
 pub use proportions::{MixAddition, MixProportions};

@@ -3,11 +3,12 @@
 use serde_json::json;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{
-    Array, ArrayBuilder, ArrayItems, ObjectBuilder, OneOfBuilder, Schema, SchemaType, Type,
+    Array, ArrayBuilder, ArrayItems, Object, ObjectBuilder, OneOfBuilder, Schema, SchemaType, Type,
 };
 
 use super::{
-    Aggregate, Grading, GrainShape, MAX_LENGTH_MM, MAXIMIZE, MIN_LENGTH_MM, MIN_SHARE, PlainShape, ShapeClass,
+    Aggregate, Grading, GrainShape, MAX_LENGTH_MM, MAXIMIZE, MIN_LENGTH_MM, MIN_SHARE, PlainShape,
+    ShapeClass, standard,
 };
 use crate::shape::AxisRatios;
 
@@ -46,6 +47,20 @@ pub(crate) fn size_mm() -> Array {
         .max_items(Some(3))
         .description(Some("Edge lengths in x, y, z."))
         .examples([json!([150.0, 150.0, 150.0])])
+        .build()
+}
+
+/// The names of all gradings of standards.
+pub(crate) fn standard_name() -> Object {
+    let mut names: Vec<&str> = standard::GRADINGS.iter().map(|grading| grading.name).collect();
+    names.sort_unstable();
+    names.dedup();
+    ObjectBuilder::new()
+        .schema_type(Type::String)
+        .enum_values(Some(names))
+        .description(Some(
+            "The name of the grading in the standard; `GET /v1/capabilities` lists them by standard.",
+        ))
         .build()
 }
 

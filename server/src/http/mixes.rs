@@ -50,9 +50,9 @@ impl From<ReadingParameters> for ReadOptions {
 /// What was understood of a table as laboratories print it: grading curves, limits, recipes, and the part of a request
 /// that follows. The body is the file as it stands: a text (CSV, tabs, semicolons, HTML, Markdown, what was pasted) of
 /// at most 1 MiB or a workbook (.xlsx, .ods) of at most 4 MiB. What it is, and its encoding, is told by its bytes,
-/// whatever its media type. Each body but that of no bytes is answered with 200: `verdict` says whether it has one reading (`ok`,
-/// `warn`), whether there is a choice to make (`ask`: each of `candidates` has its `request`), or why nothing was read
-/// (`refuse`, with row, reason and remedy in `notes`). Nothing is stored.
+/// whatever its media type. Each body but that of no bytes is answered with 200: `verdict` says whether it has one
+/// reading (`ok`, `warn`), whether there is a choice to make (`ask`: each of `candidates` has its `request`), or why
+/// nothing was read (`refuse`, with row, reason and remedy in `notes`). Nothing is stored.
 #[cfg_attr(test, utoipa::path(
     post, path = "/v1/mixes/read", tag = "jobs", operation_id = "read_mix",
     params(ReadingParameters),

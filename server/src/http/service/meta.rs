@@ -8,8 +8,8 @@ use axum::response::{IntoResponse as _, Response};
 use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::EngineInfo;
 use packstone_engine::request::presets::ShapePreset;
-use packstone_engine::request::standard;
-use packstone_engine::request::{MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, StandardCurve};
+use packstone_engine::request::standard::{self, StandardGrading};
+use packstone_engine::request::{Grading, MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, Standard};
 use serde::Serialize;
 
 use crate::exports;
@@ -37,8 +37,8 @@ pub(crate) struct Capabilities {
     specimens: Vec<&'static str>,
     /// Gradings of a mix.
     gradings: Vec<&'static str>,
-    /// Standard curves with their points.
-    standard_curves: Vec<Curve>,
+    /// Gradings of standards.
+    standard_gradings: Vec<StandardInfo>,
     /// Rules for the distance between grains.
     distances: Vec<&'static str>,
     /// Shapes of grains.
@@ -57,14 +57,25 @@ pub(crate) struct Capabilities {
     limits: LimitsInfo,
 }
 
-/// A standard grading curve.
+/// A grading of a standard.
 #[derive(Serialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
-pub(crate) struct Curve {
-    /// Its name.
+pub(crate) struct StandardInfo {
+    /// The standard.
+    standard: Standard,
+    /// Its name in the standard.
     name: &'static str,
-    /// `[sieve in mm, mass fraction passing]`, from fine to coarse.
-    points: &'static [[f64; 2]],
+    /// `[sieve in mm, least and largest mass fraction passing]`, from fine to coarse; the same twice where the grading
+    /// is one curve.
+    limits: Vec<[f64; 3]>,
+}
+
+impl StandardInfo {
+    fn of(grading: &StandardGrading) -> Self {
+        let fraction = |percent: u8| f64::from(percent) / 100.0;
+        let limits = grading.limits.iter().map(|&(mm, low, high)| [mm, fraction(low), fraction(high)]);
+        Self { standard: grading.standard, name: grading.name, limits: limits.collect() }
+    }
 }
 
 /// A shape of grains that a name stands for.
@@ -211,11 +222,8 @@ pub(crate) async fn capabilities(
         version: env!("CARGO_PKG_VERSION"),
         engine: EngineInfo::current(),
         specimens: vec!["box", "cylinder"],
-        gradings: vec!["standard", "fuller", "sieves", "classes", "monodisperse", "diameters"],
-        standard_curves: StandardCurve::NAMES
-            .iter()
-            .map(|(name, curve)| Curve { name, points: standard::points(*curve) })
-            .collect(),
+        gradings: Grading::types().collect(),
+        standard_gradings: standard::GRADINGS.iter().map(StandardInfo::of).collect(),
         distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
         shapes: vec!["sphere", "ellipsoid", "polyhedron", "preset", "mixture"],
         shape_presets: ShapePreset::ALL.iter().map(PresetInfo::of).collect(),
