@@ -64,7 +64,7 @@ export function chart(points, finest, grading, standards) {
 function outside(points, { standard, name, limits }) {
   const [finest = 0, passing = 0] = points[0] ?? [];
   const found = limits
-    .filter(([d]) => d >= finest || passing === 0)
+    .filter(([d]) => d >= finest || passing < 1e-6)
     .map(([d, low, high]) => ({ d, beyond: Math.max(low - at(points, d), at(points, d) - high) }))
     .filter(({ beyond }) => beyond > 5e-4);
   const band = `${standard} ${name}`;

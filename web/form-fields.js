@@ -76,7 +76,7 @@ export class Fields {
     this.base = structuredClone(request);
     replace(byId("aggregates"), aggregateFields(getAt(request, "/mix/aggregates")));
     this.#find();
-    const part = getAt(request, "/mix/proportions") ? "proportions" : "volume_fraction";
+    const part = ["proportions", "count"].find((name) => getAt(request, `/mix/${name}`)) ?? "volume_fraction";
     for (const radio of /** @type {NodeListOf<HTMLInputElement>} */ (this.form.querySelectorAll("[data-part]"))) {
       radio.checked = radio.value === part;
     }

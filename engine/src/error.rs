@@ -2,7 +2,7 @@
 
 use crate::memory::OutOfMemory;
 use crate::packing::GrowthEnd;
-use crate::request::FieldError;
+use crate::request::{Amount, FieldError};
 
 /// Why a plan cannot be made: always something the user can change.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -83,17 +83,19 @@ pub struct InsertionFailed {
     pub saturation_proven: bool,
     /// Attempts spent on that grain.
     pub attempts: u64,
-    /// Whether the request lists its diameters, and has no volume fraction.
-    pub is_list: bool,
+    /// What says how much aggregate the request has.
+    pub amount: Amount,
 }
 
 /// Words of advice: how to have less of a mix.
-fn less_of(is_list: bool, has_distance: bool) -> &'static str {
-    match (is_list, has_distance) {
-        (false, false) => "lower the volume fraction",
-        (false, true) => "lower the volume fraction or the distance",
-        (true, false) => "list fewer or smaller diameters, take a larger specimen",
-        (true, true) => "list fewer or smaller diameters, take a larger specimen, lower the distance",
+fn less_of(amount: Amount, has_distance: bool) -> &'static str {
+    match (amount, has_distance) {
+        (Amount::Volume, false) => "lower the volume fraction",
+        (Amount::Volume, true) => "lower the volume fraction or the distance",
+        (Amount::Count, false) => "lower mix.count, take a larger specimen",
+        (Amount::Count, true) => "lower mix.count or the distance, take a larger specimen",
+        (Amount::List, false) => "list fewer or smaller diameters, take a larger specimen",
+        (Amount::List, true) => "list fewer or smaller diameters, take a larger specimen, lower the distance",
     }
 }
 
@@ -113,7 +115,7 @@ impl std::fmt::Display for InsertionFailed {
                 self.diameter_mm, self.attempts
             )?;
         }
-        let less = less_of(self.is_list, false);
+        let less = less_of(self.amount, false);
         write!(
             f,
             "; grow the grains instead (method \"auto\"), {less}, or try another seed; on_limit \"keep\" keeps the \
@@ -160,8 +162,8 @@ pub struct GrowthStopped {
     pub effort: GrowthEffort,
     /// What ended the run.
     pub end: GrowthEnd,
-    /// Whether the request lists its diameters, and has no volume fraction.
-    pub is_list: bool,
+    /// What says how much aggregate the request has.
+    pub amount: Amount,
 }
 
 impl std::fmt::Display for GrowthStopped {
@@ -182,7 +184,7 @@ impl std::fmt::Display for GrowthStopped {
                 write!(f, ") after {cycles} compression cycles and {moves} moves: ")?;
             }
         }
-        let less = less_of(self.is_list, self.distance_mm_asked.is_some());
+        let less = less_of(self.amount, self.distance_mm_asked.is_some());
         match self.end {
             GrowthEnd::Stalled => {
                 write!(f, "it stalled, for the grains jam before their target; {less}, or try another seed")?;
@@ -203,7 +205,7 @@ impl std::fmt::Display for GrowthStopped {
         }
         if self.volume_fraction_reached > 0.0 {
             write!(f, "; on_limit \"keep\" keeps the packing that was reached")?;
-            if self.is_list {
+            if self.amount == Amount::List {
                 write!(f, ", and mix.volume_fraction \"maximize\" scales the list to the densest packing")?;
             }
         }
@@ -226,7 +228,7 @@ mod tests {
                 volume_fraction_asked: 0.25,
                 saturation_proven,
                 attempts: 20_000_000,
-                is_list: false,
+                amount: Amount::Volume,
             };
             failed.to_string()
         };
@@ -250,7 +252,7 @@ mod tests {
             scale_reached: 0.99909,
             effort: GrowthEffort::Events { events: 12_000_000, simulated_time_s: 2.5 },
             end: GrowthEnd::Stalled,
-            is_list: false,
+            amount: Amount::Volume,
         };
         assert_eq!(
             TargetNotReached::GrowthStopped(not_grown.clone()).to_string(),
@@ -288,12 +290,14 @@ mod tests {
             volume_fraction_asked: 0.6,
             saturation_proven: true,
             attempts: 3,
-            is_list: true,
+            amount: Amount::List,
         };
-        for said in [failed.to_string(), TargetNotReached::InsertionFailed(failed).to_string()] {
+        for said in [failed.to_string(), TargetNotReached::InsertionFailed(failed.clone()).to_string()] {
             assert!(!said.contains("lower the volume fraction"), "{said}");
             assert!(said.contains("list fewer or smaller diameters"), "{said}");
             assert!(said.contains("method \"auto\"") && said.contains("on_limit \"keep\""), "{said}");
         }
+        let counted = InsertionFailed { amount: Amount::Count, ..failed }.to_string();
+        assert!(counted.contains("lower mix.count") && !counted.contains("volume fraction,"), "{counted}");
     }
 }

@@ -446,9 +446,9 @@ class Mix(_Fields):
 
     `grading` is a :class:`Grading` or the name of a curve of DIN 1045-2; `aggregates` takes its place in a mix of several
     aggregates, each with its own grading and shapes. The amount is a `volume_fraction` (``"maximize"`` for as dense as
-    these grains get) or follows from `proportions`, or from the masses of the aggregates. `volume_fraction_of` says
-    what the fraction counts: ``all_aggregate`` (the default), including the part finer than `d_min_mm` and that coarser
-    than `d_max_mm`, or ``placed_grains``.
+    these grains get) or a `count` of grains, or follows from `proportions`, or from the masses of the aggregates.
+    `volume_fraction_of` says what the fraction counts: ``all_aggregate`` (the default), including the part finer than
+    `d_min_mm` and that coarser than `d_max_mm`, or ``placed_grains``.
 
     `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
     `size` says what a diameter is of grains that are not spheres: their ``sieve`` size (the default) or the
@@ -463,6 +463,7 @@ class Mix(_Fields):
         aggregates: Sequence[Aggregate | Mapping[str, Any]] | None = None,
         d_min_mm: float | None = None,
         d_max_mm: float | None = None,
+        count: int | None = None,
         proportions: Proportions | Mapping[str, Any] | None = None,
         volume_fraction_of: Literal["all_aggregate", "placed_grains"] | None = None,
         allow_coarse: bool | None = None,
@@ -477,6 +478,7 @@ class Mix(_Fields):
             d_max_mm=d_max_mm,
             aggregates=aggregates,
             volume_fraction=volume_fraction,
+            count=count,
             proportions=proportions,
             volume_fraction_of=volume_fraction_of,
             allow_coarse=allow_coarse,

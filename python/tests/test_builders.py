@@ -128,6 +128,7 @@ def test_builders_are_the_dictionaries_of_requests() -> None:
                 Grading.sizes(np.array([[4, 0.4], [8, 0.6]])),
             )
         ),
+        {"specimen": Box(60), "mix": Mix("A16", d_min_mm=4, count=200)},
         {"specimen": Box(40), "mix": Mix("A16", 0.2, d_min_mm=4, shape=Shape.polyhedron())},
         {
             "specimen": Box(40),

@@ -6,6 +6,7 @@
 
 use packstone_engine::export::ExportError;
 use packstone_engine::packing::GrowthEnd;
+use packstone_engine::request::Amount;
 use packstone_engine::{FieldError, GrowthEffort, PackError, PlanError, TargetNotReached};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -173,10 +174,10 @@ pub(crate) struct FailureFacts {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) saturation_proven: Option<bool>,
-    /// Whether the request lists its diameters, so that it has no volume fraction to lower.
+    /// What says how much aggregate the request has, where it is no volume: a number of grains, or a list of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(test, schema(required = false, nullable = false))]
-    pub(crate) is_list: Option<bool>,
+    #[cfg_attr(test, schema(required = false, nullable = false, inline))]
+    pub(crate) amount: Option<Amount>,
     /// Number of insertions tried for the grain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(test, schema(required = false, nullable = false))]
@@ -343,7 +344,7 @@ impl From<TargetNotReached> for FailureFacts {
                 distance_mm_asked: reached.distance_mm_asked,
                 scale_reached: Some(reached.scale_reached),
                 end: Some(reached.end),
-                is_list: reached.is_list.then_some(true),
+                amount: Some(reached.amount).filter(|amount| *amount != Amount::Volume),
                 ..Self::of_effort(reached.effort)
             },
             TargetNotReached::InsertionFailed(reached) => Self {
@@ -354,7 +355,7 @@ impl From<TargetNotReached> for FailureFacts {
                 volume_fraction_asked: Some(reached.volume_fraction_asked),
                 saturation_proven: Some(reached.saturation_proven),
                 attempts: Some(reached.attempts),
-                is_list: reached.is_list.then_some(true),
+                amount: Some(reached.amount).filter(|amount| *amount != Amount::Volume),
                 ..Self::default()
             },
         }

@@ -61,7 +61,7 @@ test("a law is typed by its parameters, and drawn", inBrowser, async () => {
   await page.fill("#d_max", "");
   await planned(page);
   assert.deepEqual(await grading(page), { type: "lognormal", median_mm: 8, sigma: 0.4 });
-  assert.match(await page.innerText(".answer"), /d_max_mm, 27\.\d+ mm, which 99\.9 % of it are finer than/);
+  assert.match(await page.innerText(".answer"), /d_max_mm, 27\.\d+ mm, which 99\.9 % of the mass is finer than/);
   assert.equal(await page.locator(".answer svg.chart path.main").count(), 1);
   await page.selectOption("#by", "number");
   await page.fill("#sigma", "9");
@@ -75,6 +75,29 @@ test("a law is typed by its parameters, and drawn", inBrowser, async () => {
   await planned(page);
   assert.deepEqual(await grading(page), { type: "dreux_gorisse", d_max_mm: 16, k_percent: 0 });
   await accessible();
+  clean();
+  await close();
+});
+
+test("a mix has a number of grains in place of a volume fraction", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`, { allow: /status of 422/ });
+  await planned(page);
+  await page.check('[name="content"][value="count"]');
+  await planned(page);
+  const { mix } = JSON.parse(await page.inputValue("#json"));
+  assert.deepEqual([mix.count, mix.volume_fraction], [1000, undefined]);
+  assert.match(await page.innerText("#forecast"), /^1\u202f?000 grains/);
+  await page.fill("#count", "10000000");
+  await page.waitForFunction(() =>
+    /must be at most \d+/.test(document.getElementById("count-fault")?.textContent ?? ""),
+  );
+  await page.fill(
+    "#json",
+    JSON.stringify({ specimen: { type: "box", size_mm: [60, 60, 60] }, mix: { ...mix, count: 50 } }),
+  );
+  await planned(page);
+  assert.equal(await page.inputValue("#count"), "50");
+  assert.equal(await page.isVisible("#volume_fraction"), false);
   clean();
   await close();
 });

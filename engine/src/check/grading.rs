@@ -21,21 +21,18 @@
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
 //! ([`crate::mix::sampling`]); the numbers of a curve or a law ([`Form`]) are data that both read.
 
-use std::f64::consts::{FRAC_PI_4, FRAC_PI_6};
+use std::f64::consts::FRAC_PI_4;
 
-use super::{Extent, law};
-use crate::elementary::{ln, powf};
+use super::asked::{Asked, asked, class, class_of, share_between, volume_mm3};
+use super::{Extent, counted};
 use crate::packing::{AggregateReport, ClassReport};
-use crate::request::{Form, Grading, Mix, MixPart, PackingRequest, SizeClass, Specimen, VolumeFractionOf};
+use crate::request::{Mix, MixPart, PackingRequest, Specimen};
 use crate::sorting;
 
 /// Sums of millions of volumes agree to this.
 const ROUNDING: f64 = 1.0e-9;
 /// Largest relative error of a size that was computed from the dimensions of a body in closed form.
 pub(super) const SIZE_ERROR: f64 = 1.0e-12;
-/// Principal sizes of ISO 565 that concrete laboratories use, in mm.
-const SIEVES_MM: [f64; 13] = [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
-
 /// Sizes and volumes of the grains of a packing.
 #[derive(Clone, Copy)]
 pub(super) enum Grains<'a> {
@@ -157,13 +154,21 @@ fn check_drawn(
     let mix = &request.mix;
     let parts = mix.parts();
     let specimen_mm3 = specimen_volume_mm3(&request.specimen);
+    let fraction = match mix.count {
+        None => mix.requested_fraction().unwrap_or(0.0),
+        Some(count) => {
+            let rows: Vec<(f64, f64)> = (0..grains.len()).map(|row| grains.get(row)).collect();
+            counted::all_mm3(&rows, mix, count, has_all)? / specimen_mm3
+        }
+    };
+    let asked = |part: &MixPart<'_>| asked(mix, part, fraction, specimen_mm3);
     if mix.aggregates.is_empty() {
         if !part.is_empty() {
             return Err("the grains belong to aggregates, and the mix names none".into());
         }
         let whole = parts.first().ok_or("the mix has no grading")?;
         let rows: Vec<usize> = (0..grains.len()).collect();
-        let judged = judge(grains, &rows, asked(mix, whole, specimen_mm3), has_all)?;
+        let judged = judge(grains, &rows, asked(whole), mix.count.is_some(), has_all)?;
         return Ok(Graded {
             max_class_mass_error: share_of(judged.worst_miss_mm3, judged.placed_mm3()),
             classes: judged.classes,
@@ -183,7 +188,7 @@ fn check_drawn(
     let mut aggregates = Vec::with_capacity(parts.len());
     let (mut worst_mm3, mut all_mm3) = (0.0_f64, 0.0);
     for (number, (part, aggregate)) in parts.iter().zip(&mix.aggregates).enumerate() {
-        let found = judge(grains, &rows[number], asked(mix, part, specimen_mm3), has_all)
+        let found = judge(grains, &rows[number], asked(part), mix.count.is_some(), has_all)
             .map_err(|fault| format!("aggregate {number}: {fault}"))?;
         worst_mm3 = worst_mm3.max(found.worst_miss_mm3);
         all_mm3 += found.placed_mm3();
@@ -199,7 +204,7 @@ fn check_drawn(
         });
     }
     Ok(Graded {
-        classes: divided(grains, mix, specimen_mm3),
+        classes: divided(grains, mix, &asked),
         max_class_mass_error: share_of(worst_mm3, all_mm3),
         aggregates,
     })
@@ -227,7 +232,8 @@ impl Judged {
 fn judge(
     grains: Grains<'_>,
     rows: &[usize],
-    (mut classes, list): (Vec<ClassReport>, Option<Vec<f64>>),
+    (mut classes, list): Asked,
+    is_counted: bool,
     has_all: bool,
 ) -> Result<Judged, String> {
     let (d_min, d_max) = bounds_mm(&classes);
@@ -265,6 +271,10 @@ fn judge(
                 class.target_volume_mm3 = class.volume_mm3;
             }
         }
+    } else if is_counted {
+        let are_bodies = matches!(grains, Grains::Bodies { .. });
+        let rows = rows.iter().map(|&row| grains.get(row)).collect();
+        counted::check(rows, are_bodies, &classes, &largest, has_all)?;
     } else {
         let rounding = ROUNDING * all.max(1.0);
         check_cumulative(&classes, &largest, &doubtful_mm3, rounding, has_all)?;
@@ -276,9 +286,9 @@ fn judge(
 
 /// Classes between the sieves of all aggregates, with what all of them ask for and all grains. A grain within the error
 /// of its size of a sieve counts below it.
-fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport> {
+fn divided(grains: Grains<'_>, mix: &Mix, asked: &dyn Fn(&MixPart<'_>) -> Asked) -> Vec<ClassReport> {
     let parts = mix.parts();
-    let of_parts: Vec<Vec<ClassReport>> = parts.iter().map(|part| asked(mix, part, specimen_mm3).0).collect();
+    let of_parts: Vec<Vec<ClassReport>> = parts.iter().map(|part| asked(part).0).collect();
     let mut edges: Vec<f64> = of_parts.iter().flatten().flat_map(|c| [c.d_min_mm, c.d_max_mm]).collect();
     sorting::ascending(&mut edges);
     edges.dedup();
@@ -313,32 +323,6 @@ fn divided(grains: Grains<'_>, mix: &Mix, specimen_mm3: f64) -> Vec<ClassReport>
     classes
 }
 
-/// Share of the mass of a class between two sizes in it.
-fn share_between(grading: &Grading, class: &ClassReport, low: f64, high: f64) -> f64 {
-    let ends = (class.d_min_mm, class.d_max_mm);
-    match grading.form() {
-        Form::Power { exponent, .. } => straight_share(Some(exponent), ends, (low, high)),
-        Form::Points { power, .. } => straight_share(power, ends, (low, high)),
-        Form::Distribution(distribution) => {
-            law::share(&distribution, low, high) / law::share(&distribution, ends.0, ends.1)
-        }
-        _ => straight_share(None, ends, (low, high)),
-    }
-}
-
-/// Share of a class between two diameters in it, where the curve is straight in a power of the diameter, or in its
-/// logarithm.
-fn straight_share(power: Option<f64>, (low, high): (f64, f64), (from, to): (f64, f64)) -> f64 {
-    match power {
-        None => ln(to / from) / ln(high / low),
-        Some(power) => (powf(to, power) - powf(from, power)) / (powf(high, power) - powf(low, power)),
-    }
-}
-
-fn volume_mm3(d: f64) -> f64 {
-    FRAC_PI_6 * d * d * d
-}
-
 fn specimen_volume_mm3(specimen: &Specimen) -> f64 {
     match *specimen {
         Specimen::Box { size_mm: [x, y, z], .. } => x * y * z,
@@ -349,96 +333,6 @@ fn specimen_volume_mm3(specimen: &Specimen) -> f64 {
 /// Smallest and largest diameter that the classes allow.
 fn bounds_mm(classes: &[ClassReport]) -> (f64, f64) {
     (classes.first().map_or(0.0, |c| c.d_min_mm), classes.last().map_or(0.0, |c| c.d_max_mm))
-}
-
-/// The class that holds a size: the finest whose upper sieve lets it pass.
-fn class_of(classes: &[ClassReport], d: f64) -> Option<usize> {
-    classes.iter().position(|c| d <= c.d_max_mm).or(classes.len().checked_sub(1))
-}
-
-/// The classes of a part of a mix with the volumes that it asks for, and its diameters from the coarsest down where it
-/// lists them.
-fn asked(mix: &Mix, part: &MixPart<'_>, specimen_volume_mm3: f64) -> (Vec<ClassReport>, Option<Vec<f64>>) {
-    let placed = |part: &MixPart<'_>| (part.d_min_mm.unwrap_or(0.0), mix.d_max_mm.unwrap_or(f64::INFINITY));
-    if let Grading::Diameters { diameters_mm } = part.grading {
-        let (least, most) = placed(part);
-        let mut list: Vec<f64> = diameters_mm.iter().copied().filter(|&d| d >= least && d <= most).collect();
-        sorting::descending(&mut list);
-        let ends = (list.last().copied().unwrap_or(0.0), list.first().copied().unwrap_or(0.0));
-        let mut classes: Vec<ClassReport> = between_sieves(ends).map(|ends| class(ends, 0.0)).collect();
-        for &d in &list {
-            if let Some(index) = class_of(&classes, d) {
-                classes[index].target_volume_mm3 += volume_mm3(d);
-            }
-        }
-        return (classes, Some(list));
-    }
-    let fraction = mix.requested_fraction().unwrap_or(0.0);
-    let all_aggregate = match mix.volume_fraction_of {
-        VolumeFractionOf::AllAggregate => fraction,
-        VolumeFractionOf::PlacedGrains => {
-            let parts = mix.parts();
-            let kept = parts.iter().flat_map(|part| {
-                mass_shares(part.grading, placed(part)).into_iter().map(|c| part.share * c.target_volume_mm3)
-            });
-            fraction / kept.sum::<f64>()
-        }
-    };
-    let mut classes = mass_shares(part.grading, placed(part));
-    for class in &mut classes {
-        class.target_volume_mm3 *= part.share * all_aggregate * specimen_volume_mm3;
-    }
-    (classes, None)
-}
-
-/// The classes between the cut-off and the largest diameter with their shares of the mass of all aggregate in place of
-/// volumes.
-fn mass_shares(grading: &Grading, (d_min, d_max): (f64, f64)) -> Vec<ClassReport> {
-    // The share of a class that is placed.
-    let kept = |low: f64, high: f64, share: f64, power: Option<f64>| {
-        let (from, to) = (low.max(d_min), high.min(d_max));
-        let is_whole = from <= low && to >= high;
-        let kept = if is_whole { 1.0 } else { straight_share(power, (low, high), (from, to)) };
-        (share > 0.0 && from < to).then(|| class((from, to), share * kept))
-    };
-    match grading.form() {
-        Form::Points { points, power } => {
-            points.windows(2).filter_map(|p| kept(p[0][0], p[1][0], p[1][1] - p[0][1], power)).collect()
-        }
-        Form::Power { d_min_mm, d_max_mm, exponent, finer } => {
-            let risen = |d: f64| powf(d, exponent) - powf(d_min_mm, exponent);
-            let passing = |d: f64| finer + (1.0 - finer) * risen(d) / risen(d_max_mm);
-            between_sieves((d_min.max(d_min_mm), d_max_mm.min(d_max)))
-                .map(|(low, high)| class((low, high), passing(high) - passing(low)))
-                .collect()
-        }
-        Form::Distribution(distribution) => {
-            let ends = (d_min.max(distribution.d_min_mm), distribution.d_max_mm.min(d_max));
-            let of_sieves = between_sieves(ends)
-                .map(|(low, high)| class((low, high), law::share(&distribution, low, high)));
-            of_sieves.filter(|class| class.target_volume_mm3 > 0.0).collect()
-        }
-        Form::Classes(classes) => {
-            let of_class = |c: &SizeClass| kept(c.d_min_mm, c.d_max_mm, c.mass_fraction, None);
-            classes.iter().filter_map(of_class).collect()
-        }
-        Form::Sizes(sizes) => {
-            let placed = sizes.iter().filter(|[mm, _]| (d_min..=d_max).contains(mm));
-            placed.map(|&[mm, share]| class((mm, mm), share)).collect()
-        }
-        Form::List(_) => Vec::new(),
-    }
-}
-
-fn class((d_min_mm, d_max_mm): (f64, f64), target_volume_mm3: f64) -> ClassReport {
-    ClassReport { d_min_mm, d_max_mm, grains: 0, target_volume_mm3, volume_mm3: 0.0 }
-}
-
-/// Classes between two diameters and the sieves in between.
-fn between_sieves((low, high): (f64, f64)) -> impl Iterator<Item = (f64, f64)> {
-    let inner = SIEVES_MM.into_iter().filter(move |&sieve| sieve > low && sieve < high);
-    let upper = inner.clone().chain([high]);
-    std::iter::once(low).chain(inner).zip(upper)
 }
 
 fn check_list(grains: Grains<'_>, list: &[f64], has_all: bool) -> Result<(), String> {
@@ -505,7 +399,7 @@ mod tests {
     use super::super::sieve::sieve_size;
     use super::*;
     use crate::mix::GradedMix;
-    use crate::mix::sampling::sample_shaped;
+    use crate::mix::sampling::{sample, sample_shaped};
     use crate::rng::{Stream, stream};
 
     fn request(edge_mm: f64, mix: &Value) -> PackingRequest {
@@ -534,6 +428,30 @@ mod tests {
         }
         let outside = [(16.000_04, 200.0), (3.999_98, 200.0)];
         assert!(accepted(&outside, 1e-5) && !accepted(&outside, 1e-12));
+    }
+
+    #[test]
+    fn counted_grains_follow_the_curve_and_have_their_number() {
+        let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
+        let request = request(100.0, &json!({"grading": sieves, "count": 2000}));
+        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+        let drawn = sample(&mix, &mut stream(5, Stream::Sampling), &|| false).unwrap().d_mm;
+        let judged = |sizes: &[f64], extent: Extent| check(Grains::Spheres(sizes), &[], &request, extent);
+        let classes = judged(&drawn, Extent::WHOLE).unwrap().classes;
+        assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), 2000);
+        for fewer in [&drawn[1..], &drawn[..1999]] {
+            assert_eq!(judged(fewer, Extent::WHOLE).unwrap_err(), "1999 grains instead of 2000");
+        }
+        // Without the finest, what is left has its share of the whole.
+        let part = Extent { has_all_grains: false, ..Extent::WHOLE };
+        assert!(judged(&drawn[..900], part).is_ok());
+        // Ten of the largest are as fine as the finest.
+        let mut wrong = drawn.clone();
+        wrong[..10].fill(4.1);
+        sorting::descending(&mut wrong);
+        let fault = judged(&wrong, Extent::WHOLE).unwrap_err();
+        assert!(fault.starts_with("above 8 mm the grains have"), "{fault}");
+        assert!(judged(&wrong[..900], part).is_err());
     }
 
     #[test]

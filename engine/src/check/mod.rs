@@ -32,8 +32,10 @@
 // Forced inlining carries the instruction set of the loop over pairs to what it calls ([`crate::cpu`]).
 #![allow(clippy::inline_always)]
 
+mod asked;
 mod body;
 mod convex;
+mod counted;
 mod double_double;
 mod grading;
 mod law;

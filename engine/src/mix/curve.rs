@@ -1,12 +1,19 @@
 //! The grading curve of a mix, as it is drawn.
 
-use super::class::Law;
+use super::class::{Class, Law};
 use super::classes_above;
+use crate::elementary::ln;
 use crate::request::{Form, Mix};
 use crate::sorting;
 
 /// Part of the largest diameter down to which a curve without a finest diameter is drawn.
 const DRAWN: f64 = 1.0e-3;
+/// A share of the mass by which sums of it miss 1.
+const ROUNDING: f64 = 1.0e-9;
+/// Rise of the curve, and length in `ln d`, below which points in between may go: a line misses a curve that rises by
+/// so much by an eighth of it at most.
+const SHORT: f64 = 1.0e-3;
+const LONGEST: f64 = 0.1;
 
 /// The share of the mass of all aggregate that passes each diameter: `[diameter in mm, share]` from fine to coarse, as
 /// many points as a drawing with a logarithmic axis needs between them. The share rises at a single size, which then
@@ -21,7 +28,9 @@ pub fn curve(mix: &Mix) -> Vec<[f64; 2]> {
         if matches!(form, Form::List(_)) {
             return Vec::new();
         }
-        for class in classes_above(&form, low.max(DRAWN * high)) {
+        let drawn_from = if low > 0.0 { low } else { DRAWN * high };
+        edges.extend([drawn_from, high]);
+        for class in classes_above(&form, drawn_from) {
             let narrow = if class.law == Law::LogUniform { vec![class] } else { class.narrow() };
             for mut class in narrow {
                 class.mass_fraction *= part.share;
@@ -32,23 +41,50 @@ pub fn curve(mix: &Mix) -> Vec<[f64; 2]> {
     }
     sorting::ascending(&mut edges);
     edges.dedup();
-    // What is coarser than a diameter, with or without the grains that have it.
-    let coarser = |d: f64, with_equal: bool| -> f64 {
-        let of_class = |class: &super::Class| match class.law {
-            Law::Single => f64::from(class.low_mm > d || (with_equal && class.low_mm == d)),
-            _ if class.low_mm >= d => 1.0,
-            _ if class.high_mm <= d => 0.0,
-            _ => class.mass_share(d, class.high_mm),
-        };
-        classes.iter().map(|class| class.mass_fraction * of_class(class)).sum()
-    };
-    let mut points = Vec::with_capacity(edges.len());
+    // What has no mass at its finest diameter begins with none: sums to 1 miss it by rounding.
+    let begins_with = 1.0 - classes.iter().map(|class| class.mass_fraction).sum::<f64>();
+    let begins_with = if begins_with < ROUNDING { 0.0 } else { begins_with };
+    classes.sort_unstable_by(|a, b| a.low_mm.total_cmp(&b.low_mm));
+    let mut points: Vec<[f64; 2]> = Vec::new();
+    // Classes that begin below a diameter and end above it, what all those have passed that end below it, and the next.
+    let (mut open, mut closed, mut next): (Vec<Class>, f64, usize) = (Vec::new(), begins_with, 0);
     for &d in &edges {
-        let (before, after) = (1.0 - coarser(d, true), 1.0 - coarser(d, false));
-        if before != after {
-            points.push([d, before.max(0.0)]);
+        open.retain(|class| {
+            let is_over = class.high_mm <= d;
+            closed += if is_over { class.mass_fraction } else { 0.0 };
+            !is_over
+        });
+        let partly = open.iter().map(|class| class.mass_fraction * class.mass_share(class.low_mm, d));
+        let before = (closed + partly.sum::<f64>()).min(1.0);
+        let mut single = 0.0;
+        while let Some(class) = classes.get(next).filter(|class| class.low_mm <= d) {
+            if class.law == Law::Single {
+                single += class.mass_fraction;
+            } else {
+                open.push(*class);
+            }
+            next += 1;
         }
-        points.push([d, after.clamp(0.0, 1.0)]);
+        closed += single;
+        add(&mut points, [d, before]);
+        if single > 0.0 {
+            points.push([d, (before + single).min(1.0)]);
+        }
+    }
+    if let Some(last) = points.last_mut() {
+        last[1] = 1.0;
     }
     points
+}
+
+/// Adds a point. The one before it goes where it is close to both that before it and this one.
+fn add(points: &mut Vec<[f64; 2]>, point: [f64; 2]) {
+    if let [_, .., [a, below], [middle, _]] = points[..]
+        && a < middle
+        && point[1] - below < SHORT
+        && ln(point[0] / a) < LONGEST
+    {
+        points.pop();
+    }
+    points.push(point);
 }

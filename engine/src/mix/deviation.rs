@@ -53,7 +53,7 @@ fn requested_mm3(mix: &GradedMix) -> f64 {
 /// # Errors
 /// The fault of the field that sets the volume, where every sampling misses the volume and the mix does not allow it.
 pub(crate) fn foresee(requested: &Mix, mix: &GradedMix) -> Result<Option<String>, FieldError> {
-    if mix.list.is_some() {
+    if !mix.has_requested_volume() {
         return Ok(None);
     }
     judge(requested, mix, least_volume_mm3(mix), "at least ")
@@ -68,7 +68,7 @@ pub(crate) fn judge_volume(
     mix: &GradedMix,
     volume_mm3: f64,
 ) -> Result<Option<String>, FieldError> {
-    if mix.list.is_some() {
+    if !mix.has_requested_volume() {
         return Ok(None);
     }
     judge(requested, mix, volume_mm3, "")

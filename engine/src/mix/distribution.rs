@@ -1,16 +1,23 @@
 //! Laws of sizes: how much mass lies between two diameters, and classes narrow enough to draw from.
 //!
-//! The density of the mass in `ln d` is integrated by Gauss-Legendre with three points (Abramowitz and Stegun, table
-//! 25.4) on intervals of a sixteenth of the law's width. In the same intervals the mass is taken as linear in `ln d`
-//! when grains are drawn: what passes a diameter then misses the law by less than 2e-4.
+//! The range of `ln d` is divided until the density of the mass changes little in each interval. There it is integrated
+//! by Gauss-Legendre with three points (Abramowitz and Stegun, table 25.4), to 1e-10 of the whole. In the same
+//! intervals the mass is taken as linear in `ln d` when grains are drawn: what passes a diameter then misses the law by
+//! less than 2e-4.
 
 use super::class::{Class, Law};
 use super::{CLASSES_PER_OCTAVE, sieve};
 use crate::elementary::{exp, ln};
 use crate::request::{Distribution, DistributionLaw};
 
-/// Parts into which the width of a law is divided.
-const PARTS_PER_WIDTH: f64 = 16.0;
+/// Largest change of the logarithm of the density in an interval: `c^2 / 8` of a part of the law is then the most by
+/// which what passes a diameter misses it.
+const CHANGE: f64 = 0.035;
+/// The same where the density over its largest has a logarithm below [`LOW`].
+const CHANGE_BELOW: f64 = 0.3;
+const LOW: f64 = -14.0;
+/// Logarithm of the density over its largest below which an interval is not divided further.
+const NEGLIGIBLE: f64 = -60.0;
 
 /// Logarithm of the density of the mass in `ln d`, up to a constant.
 fn ln_density(distribution: &Distribution, d: f64) -> f64 {
@@ -27,18 +34,6 @@ fn ln_density(distribution: &Distribution, d: f64) -> f64 {
     count + distribution.mass_power() * ln(d)
 }
 
-/// Longest interval of `ln d` in which the law is taken as simple.
-fn step(distribution: &Distribution) -> f64 {
-    let width = match distribution.law {
-        DistributionLaw::Lognormal { sigma, .. } => sigma,
-        DistributionLaw::Normal { standard_deviation_mm, .. } => {
-            standard_deviation_mm / distribution.span_mm().1
-        }
-        DistributionLaw::Weibull { shape, .. } => 1.0 / shape,
-    };
-    (width / PARTS_PER_WIDTH).min(std::f64::consts::LN_2 / CLASSES_PER_OCTAVE)
-}
-
 /// The intervals between two diameters in which there is mass, each with its mass over that which one interval of
 /// length 1 in `ln d` would have at the mode.
 fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
@@ -49,19 +44,39 @@ fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
         return Vec::new();
     }
     let most = ln_density(distribution, distribution.mode_mm());
-    let density = |ln_d: f64| exp(ln_density(distribution, exp(ln_d)) - most);
-    let (first, all) = (ln(low), ln(high / low));
-    let parts = (all / step(distribution)).ceil().max(1.0);
-    let edge = |part: f64| if part == parts { high } else { low * exp(all * part / parts) };
-    (0..parts as usize)
-        .map(|part| {
-            let part = part as f64;
-            let (middle, half) = (first + all * (part + 0.5) / parts, 0.5 * all / parts);
-            let ends = density(middle - half * NODE) + density(middle + half * NODE);
-            let mass = half * (8.0 * density(middle) + 5.0 * ends) / 9.0;
-            [if part == 0.0 { low } else { edge(part) }, edge(part + 1.0), mass]
-        })
-        .collect()
+    let relative = |ln_d: f64| ln_density(distribution, exp(ln_d)) - most;
+    // The mode divides the range: on either side the density rises or falls.
+    let mut edges = vec![low];
+    let mode = distribution.mode_mm();
+    if low < mode && mode < high {
+        edges.push(mode);
+    }
+    edges.push(high);
+    let mut found = Vec::new();
+    for pair in edges.windows(2) {
+        let longest = std::f64::consts::LN_2 / CLASSES_PER_OCTAVE;
+        // Intervals that wait, the finest last: diameters, their logarithms and densities.
+        let end = |d: f64| (d, ln(d), relative(ln(d)));
+        let mut waiting = vec![(end(pair[0]), end(pair[1]))];
+        while let Some((a, b)) = waiting.pop() {
+            let densest = a.2.max(b.2);
+            let change = if densest > LOW { CHANGE } else { CHANGE_BELOW };
+            let is_even = (b.2 - a.2).abs() <= change || densest < NEGLIGIBLE;
+            let ln_middle = 0.5 * (a.1 + b.1);
+            let middle = exp(ln_middle);
+            let can_be_divided = a.0 < middle && middle < b.0;
+            if can_be_divided && (b.1 - a.1 > longest || !is_even) {
+                let middle = (middle, ln_middle, relative(ln_middle));
+                waiting.extend([(middle, b), (a, middle)]);
+                continue;
+            }
+            let half = 0.5 * (b.1 - a.1);
+            let density = |node: f64| exp(relative(ln_middle + half * node));
+            let mass = half * (8.0 * density(0.0) + 5.0 * (density(-NODE) + density(NODE))) / 9.0;
+            found.push([a.0, b.0, mass]);
+        }
+    }
+    found
 }
 
 /// Mass between two diameters, in the unit of [`intervals`].

@@ -46,6 +46,8 @@ pub struct GradedMix {
     pub parts: u16,
     /// Whether the parts are aggregates, so that grains are told apart by them.
     pub has_aggregates: bool,
+    /// Number of grains of each class, where the mix counts its grains; else empty.
+    pub numbers: Vec<u64>,
     /// The explicit list of diameters, in mm, where the grading is one, cut off and sorted from
     /// the coarsest down.
     pub list: Option<Vec<f64>>,
@@ -93,10 +95,18 @@ impl GradedMix {
         };
         let kept: f64 = classes.iter().map(|c| c.mass_fraction).sum();
         let requested = mix.requested_fraction().unwrap_or(0.0);
-        let (mixture, effective) = match mix.volume_fraction_of {
+        let (mut mixture, mut effective) = match mix.volume_fraction_of {
             VolumeFractionOf::AllAggregate => (requested, requested * kept),
             VolumeFractionOf::PlacedGrains => (requested / kept, requested),
         };
+        let mut numbers = Vec::new();
+        if let Some(count) = mix.count {
+            let grains = |class: &Class| class.mass_fraction * class.grains_per_volume();
+            let per_volume: f64 = classes.iter().map(grains).sum();
+            mixture = count as f64 / per_volume / specimen_volume_mm3;
+            effective = mixture * kept;
+            numbers = rounded(classes.iter().map(|class| grains(class) / per_volume), count);
+        }
         let d_min_mm = classes.iter().map(|c| c.low_mm).reduce(f64::min).unwrap_or(0.0);
         let d_max_mm = classes.iter().map(|c| c.high_mm).reduce(f64::max).unwrap_or(0.0);
         Self {
@@ -104,6 +114,7 @@ impl GradedMix {
             classes,
             parts: parts.len() as u16,
             has_aggregates: !mix.aggregates.is_empty(),
+            numbers,
             list: None,
             volume_fraction_mixture: mixture,
             volume_fraction_effective: effective,
@@ -127,6 +138,7 @@ impl GradedMix {
             classes: Vec::new(),
             parts: 1,
             has_aggregates: false,
+            numbers: Vec::new(),
             volume_fraction_mixture: all / specimen_volume_mm3,
             volume_fraction_effective: kept / specimen_volume_mm3,
             d_min_mm,
@@ -135,6 +147,11 @@ impl GradedMix {
             specimen_volume_mm3,
             shapes,
         }
+    }
+
+    /// Whether the request says how much volume the grains have: neither a list nor a number prescribes it.
+    pub fn has_requested_volume(&self) -> bool {
+        self.list.is_none() && self.numbers.is_empty()
     }
 
     /// What the grains are.
@@ -166,7 +183,17 @@ impl GradedMix {
 
     /// The classes of a part, from fine to coarse.
     pub fn classes_of(&self, part: u16) -> impl DoubleEndedIterator<Item = &Class> {
-        self.classes.iter().filter(move |class| class.part == part)
+        self.numbered_classes_of(part).map(|(class, _)| class)
+    }
+
+    /// The same, each with the number of its grains where the mix counts them.
+    pub(crate) fn numbered_classes_of(
+        &self,
+        part: u16,
+    ) -> impl DoubleEndedIterator<Item = (&Class, Option<u64>)> {
+        let numbered =
+            self.classes.iter().enumerate().map(|(row, class)| (class, self.numbers.get(row).copied()));
+        numbered.filter(move |(class, _)| class.part == part)
     }
 
     /// The classes that hold the largest size, one of each part that has it.
@@ -211,6 +238,24 @@ impl GradedMix {
             None => self.classes.iter().map(|c| self.class_volume_mm3(c) * per_volume(c)).sum(),
         }
     }
+}
+
+/// Whole numbers of a sum in these shares: from the last share down, each sum is the nearest whole number.
+fn rounded(shares: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator, sum: u64) -> Vec<u64> {
+    let (mut share, mut before) = (0.0, 0);
+    let mut numbers = Vec::with_capacity(shares.len());
+    for one in shares.rev() {
+        share += one;
+        let upto = ((share * sum as f64).round() as u64).clamp(before, sum);
+        numbers.push(upto - before);
+        before = upto;
+    }
+    // The shares sum to 1 but for rounding.
+    if let Some(last) = numbers.last_mut() {
+        *last += sum - before;
+    }
+    numbers.reverse();
+    numbers
 }
 
 /// The narrow classes of a sieve class whose grains are no spheres; its own volume ratio becomes that of its numbers.
@@ -314,5 +359,7 @@ fn piecewise(points: &[[f64; 2]], law: Law, d_min: f64) -> Vec<Class> {
 mod aggregate_tests;
 #[cfg(test)]
 mod angular_tests;
+#[cfg(test)]
+mod count_tests;
 #[cfg(test)]
 mod tests;

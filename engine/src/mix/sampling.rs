@@ -46,23 +46,16 @@ pub fn sample(
     let mut diameters = reserved((mix.expected_grains() * 1.01) as usize + DRAWS_PER_LOOK)?;
     let mut ends = Vec::new();
     for part in 0..mix.parts {
-        let mut overshoot = 0.0;
-        for class in mix.classes_of(part).rev() {
-            let target = mix.class_volume_mm3(class) - overshoot;
-            let mut volume = 0.0;
-            while volume < target {
-                let d = class.diameter(uniform(rng));
-                volume += sphere_volume(d);
-                diameters.push(d);
-                if diameters.len().is_multiple_of(DRAWS_PER_LOOK) {
-                    if should_stop() {
-                        return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
-                    }
-                    make_room(&mut diameters, DRAWS_PER_LOOK)?;
+        draw_part(mix, part, rng, &mut |d| {
+            diameters.push(d);
+            if diameters.len().is_multiple_of(DRAWS_PER_LOOK) {
+                if should_stop() {
+                    return Err(PackError::Stopped { placed: 0, grains: mix.expected_grains() as u64 });
                 }
+                make_room(&mut diameters, DRAWS_PER_LOOK)?;
             }
-            overshoot = volume - target;
-        }
+            Ok(sphere_volume(d))
+        })?;
         ends.push(diameters.len());
     }
     if !mix.has_aggregates {
@@ -77,6 +70,36 @@ pub fn sample(
         d_mm: collected(rows.iter().map(|row| row.0))?,
         parts: collected(rows.iter().map(|row| row.1))?,
     })
+}
+
+/// Draws the sizes of a part of a mix, class by class from the coarsest down; `draw` takes each and answers with the
+/// volume of its grain in mm³.
+///
+/// In each class grains are drawn until its volume is reached, and the overshoot of the last one is taken from the next
+/// class. Where the mix counts its grains, a class has its number of them, one from each of so many equal parts of its
+/// number distribution.
+fn draw_part(
+    mix: &GradedMix,
+    part: u16,
+    rng: &mut Xoshiro256PlusPlus,
+    draw: &mut impl FnMut(f64) -> Result<f64, PackError>,
+) -> Result<(), PackError> {
+    let mut overshoot = 0.0;
+    for (class, number) in mix.numbered_classes_of(part).rev() {
+        if let Some(number) = number {
+            for of_class in 0..number {
+                draw(class.diameter((of_class as f64 + uniform(rng)) / number as f64))?;
+            }
+            continue;
+        }
+        let target = mix.class_volume_mm3(class) - overshoot;
+        let mut volume = 0.0;
+        while volume < target {
+            volume += draw(class.diameter(uniform(rng)))?;
+        }
+        overshoot = volume - target;
+    }
+    Ok(())
 }
 
 /// Grains that were drawn, by equivalent diameter from the largest down.
@@ -136,15 +159,7 @@ pub fn sample_shaped(
         draw(0, size_mm)?;
     }
     for part in 0..mix.parts {
-        let mut overshoot = 0.0;
-        for class in mix.classes_of(part).rev() {
-            let target = mix.class_volume_mm3(class) - overshoot;
-            let mut volume = 0.0;
-            while volume < target {
-                volume += draw(part, class.diameter(uniform(sizes)))?;
-            }
-            overshoot = volume - target;
-        }
+        draw_part(mix, part, sizes, &mut |size_mm| draw(part, size_mm))?;
     }
     grains.sort_unstable_by(|p, q| q.equivalent_mm.total_cmp(&p.equivalent_mm).then(p.order.cmp(&q.order)));
     Ok(ShapedGrains {

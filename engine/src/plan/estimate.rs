@@ -166,7 +166,7 @@ impl<'a> Case<'a> {
             VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
         };
         let volume_fraction =
-            self.mix.list.is_none().then(|| round(requested * reach / self.filled).min(1.0));
+            self.mix.has_requested_volume().then(|| round(requested * reach / self.filled).min(1.0));
         let distance_mm = match self.request.distance {
             Distance::None { wall_gap_mm: None }
             | Distance::Constant { wall_gap_mm: None, .. }

@@ -24,7 +24,7 @@ use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, curve, deviation};
 use crate::request::{
-    Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
+    Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
 };
 pub(crate) use densest::Drawing;
 use estimate::Case;
@@ -207,7 +207,7 @@ impl Plan {
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         // What is scaled until it jams has no volume to miss, and a list no size that must fit.
         if densest.is_none() {
-            check_list(&mix)?;
+            check_volume(&mix)?;
         }
         check_cut_off(&request.mix, &mix)?;
         if densest.is_none() || mix.list.is_none() {
@@ -303,11 +303,18 @@ fn most_threads(request: &PackingRequest, mix: &GradedMix, grains: f64, grows: b
     if is_shared { MOST_THREADS } else { 1 }
 }
 
-/// A list of diameters may have more volume than the specimen.
-fn check_list(mix: &GradedMix) -> Result<(), PlanError> {
-    let phi = mix.volume_fraction_mixture;
-    if phi <= 1.0 || mix.list.is_none() {
+/// A list of diameters, and a number of grains, may have more volume than the specimen.
+fn check_volume(mix: &GradedMix) -> Result<(), PlanError> {
+    let phi = mix.volume_fraction_effective;
+    if phi <= 1.0 || mix.has_requested_volume() {
         return Ok(());
+    }
+    if let Some(count) = mix.numbers.iter().copied().reduce(|a, b| a + b) {
+        let most = (count as f64 / phi).floor();
+        return Err(infeasible(
+            "/mix/count",
+            format!("{count} grains have {phi:.4} times the specimen's volume: must be at most {most}"),
+        ));
     }
     Err(infeasible(
         "/mix/grading/diameters_mm",
@@ -431,11 +438,13 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     } else {
         String::new()
     };
-    let advice = if case.mix.list.is_some() {
-        "take a larger specimen, list fewer or smaller diameters, or lower the distance; mix.volume_fraction \
-         \"maximize\" scales the diameters to the densest packing"
-    } else {
-        "lower the volume fraction or the distance"
+    let advice = match request.mix.amount() {
+        Amount::List => {
+            "take a larger specimen, list fewer or smaller diameters, or lower the distance; mix.volume_fraction \
+             \"maximize\" scales the diameters to the densest packing"
+        }
+        Amount::Count => "take a larger specimen, or lower the count or the distance",
+        Amount::Volume => "lower the volume fraction or the distance",
     };
     Err(infeasible(
         request.mix.amount_pointer(),
@@ -478,7 +487,10 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest
     let grains = mix.expected_grains();
     let mut warnings = Vec::new();
     for part in request.mix.parts() {
-        warnings.extend(part.grading.completions(part.d_min_mm.unwrap_or(0.0)));
+        warnings.extend(
+            part.grading
+                .completions(part.d_min_mm.unwrap_or(0.0), request.mix.d_max_mm.unwrap_or(f64::INFINITY)),
+        );
     }
     if let (true, Some(wall_gap_mm)) = (request.specimen.is_periodic(), request.distance.wall_gap_mm()) {
         warnings.push(format!(

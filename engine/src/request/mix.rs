@@ -8,6 +8,8 @@ use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation
 use super::{MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction, VolumeFractionOf};
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
+/// Most grains that a mix may count.
+const MOST_GRAINS: i64 = 1_000_000_000;
 
 /// Reads a mix: one grading, or several aggregates.
 ///
@@ -36,7 +38,14 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
     };
     // By its name, for a list with a fault in it is a list too.
     let is_list = grading_at.as_ref().is_some_and(|at| at.value()["type"] == "diameters");
-    let (volume_fraction, proportions) = read_amount(&mut object, is_list, aggregates.as_ref());
+    let count = match read_count(&mut object, is_list, aggregates.as_ref()) {
+        Some(count) => count.map(Some),
+        None => Some(None),
+    };
+    let (volume_fraction, proportions) = match count {
+        Some(None) => read_amount(&mut object, is_list, aggregates.as_ref()),
+        _ => (None, None),
+    };
     let volume_fraction_of = match object.optional("volume_fraction_of") {
         Some(at) => {
             let volume_fraction_of = at.choice(&[
@@ -84,6 +93,7 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         d_max_mm: d_max,
         aggregates: aggregates?.list,
         volume_fraction,
+        count: count?,
         proportions,
         volume_fraction_of: volume_fraction_of?,
         allow_coarse: allow_coarse?,
@@ -120,6 +130,32 @@ fn check_d_max(at: &At<'_>, d_max_mm: f64, mix: &Mix) -> Option<()> {
         at.fault(format!("{d_max_mm} is out of range: no grain of the mix lies between its d_min_mm and it"));
     }
     is_left.then_some(())
+}
+
+/// Reads the number of grains of a mix that has one. Outside: whether it has. Inside: whether it could be read, and
+/// nothing else prescribes the amount.
+#[allow(clippy::option_option)]
+fn read_count(
+    object: &mut Object<'_>,
+    is_list: bool,
+    aggregates: Option<&Aggregates>,
+) -> Option<Option<u64>> {
+    let at = object.optional("count")?;
+    let count = at.integer(1, MOST_GRAINS).map(|count| count as u64);
+    let is_alone = object.refuse_all(
+        &["volume_fraction", "proportions"],
+        "the mix has a count, from which the volume follows: leave one of the two out",
+    );
+    let prescribed_by = if is_list {
+        Some("an explicit list of diameters has its number of grains")
+    } else {
+        let by_mass = aggregates.is_some_and(|aggregates| aggregates.mass_kg_m3.is_some());
+        by_mass.then_some("the mass_kg_m3 of the aggregates prescribe the volume")
+    };
+    if let Some(words) = prescribed_by {
+        at.fault(format!("{words}: leave this field out"));
+    }
+    Some(count.filter(|_| is_alone && prescribed_by.is_none()))
 }
 
 /// The amount of aggregate: exactly one of its two forms, and none beside an explicit list but the largest.

@@ -21,7 +21,7 @@ pub mod segregation;
 pub mod shape;
 mod sieves;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use crate::shape::SizeMeasure;
 pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
@@ -224,11 +224,20 @@ pub struct Mix {
     )]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aggregates: Vec<Aggregate>,
-    /// Volume of the aggregate over that of the specimen, or `"maximize"`: as dense as these grains get. Either this or
-    /// `proportions` is required, except for the grading `diameters`, which prescribes it unless it is `"maximize"`.
+    /// Volume of the aggregate over that of the specimen, or `"maximize"`: as dense as these grains get. This, `count`
+    /// or `proportions` is required, except for the grading `diameters`, which prescribes it unless it is `"maximize"`.
     #[cfg_attr(feature = "openapi", schema(required = false, schema_with = schema::volume_fraction))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub volume_fraction: Option<VolumeFraction>,
+    /// Number of grains that are placed, in place of `volume_fraction`: of each narrow size class the number that the
+    /// grading gives it, rounded so that all sum to this. Their volume follows, and `volume_fraction_of` has no
+    /// meaning.
+    #[cfg_attr(
+        feature = "openapi",
+        schema(required = false, nullable, minimum = 1, maximum = 1_000_000_000)
+    )]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub count: Option<u64>,
     /// The same by the contents of a cubic metre of concrete. It counts all aggregate, so that `volume_fraction_of` is
     /// `all_aggregate`.
     #[cfg_attr(feature = "openapi", schema(required = false))]
@@ -288,7 +297,7 @@ impl Mix {
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;
-    /// `None` where explicit diameters prescribe it, or where it is to be as large as possible.
+    /// `None` where explicit diameters or a number of grains prescribe it, or where it is to be as large as possible.
     pub fn requested_fraction(&self) -> Option<f64> {
         match self.volume_fraction {
             Some(VolumeFraction::Of(fraction)) => Some(fraction),
@@ -302,14 +311,38 @@ impl Mix {
         self.volume_fraction == Some(VolumeFraction::Maximize)
     }
 
+    /// What says how much aggregate there is.
+    pub fn amount(&self) -> Amount {
+        match self {
+            Self { count: Some(_), .. } => Amount::Count,
+            _ if self.listed_diameters_mm().is_some() => Amount::List,
+            _ => Amount::Volume,
+        }
+    }
+
     /// JSON pointer of the field that says how much aggregate there is.
     pub(crate) fn amount_pointer(&self) -> &'static str {
         match self {
             Self { volume_fraction: Some(_), .. } => "/mix/volume_fraction",
             Self { proportions: Some(_), .. } => "/mix/proportions",
+            Self { count: Some(_), .. } => "/mix/count",
             _ => "/mix/grading/diameters_mm",
         }
     }
+}
+
+/// What says how much aggregate a mix has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Amount {
+    /// A volume fraction, or contents from which it follows.
+    #[default]
+    Volume,
+    /// A number of grains.
+    Count,
+    /// A list of diameters.
+    List,
 }
 
 /// Which aggregate a volume fraction counts (`docs/method.md`, section 1).

@@ -409,12 +409,12 @@ fn a_curve_that_ends_above_the_cut_off_gets_the_next_finer_sieve() {
     assert_eq!(points, &[[4.0, 0.0], [8.0, 0.08], [16.0, 0.97], [31.5, 1.0]]);
     assert_eq!(completed_mm, &[4.0, 31.5]);
     assert_eq!(read_again(&request), request);
-    let notes = request.mix.grading.as_ref().unwrap().completions(0.0);
+    let notes = request.mix.grading.as_ref().unwrap().completions(0.0, f64::INFINITY);
     assert!(notes[0].contains("starts with 8.0000 % passing 8 mm: the sieve 4 mm was added"), "{notes:?}");
     assert!(notes[1].contains("ends with 97.0000 % passing 16 mm: the sieve 31.5 mm"), "{notes:?}");
     // What lies above the cut-off is known.
     let request = read(json!([[8, 8], [16, 100]]), 8.0).unwrap();
-    assert!(request.mix.grading.as_ref().unwrap().completions(0.0).is_empty());
+    assert!(request.mix.grading.as_ref().unwrap().completions(0.0, f64::INFINITY).is_empty());
     let faults = read(json!([[8, 30], [16, 100]]), 4.0).unwrap_err();
     assert!(faults[0].detail.contains("or add the finer sieves to the points"), "{faults:?}");
 }

@@ -32,7 +32,7 @@ pub(crate) fn volume_fraction() -> Schema {
             "Volume of the aggregate over that of the specimen, or `\"maximize\"`: as dense as these grains get, with \
              their distances kept. Numbers of grains are drawn for the volume fraction that growth is expected to \
              reach, then all sizes are scaled by one factor, `summary.size_scale` of the result; `method.stop` bounds \
-             the run and is its normal end. Either this or `proportions` is required, except for the grading \
+             the run and is its normal end. This, `count` or `proportions` is required, except for the grading \
              `diameters`, which prescribes the volume unless this is `\"maximize\"`.",
         ))
         .build();

@@ -182,7 +182,7 @@ pub(super) fn pack(
                 scale_reached: placed.scale.min(1.0),
                 effort: GrowthEffort::Cycles { cycles: 0, moves: 0 },
                 end: GrowthEnd::Stalled,
-                is_list: matches!(attempt.drawing, Drawing::List(_)),
+                amount: request.mix.amount(),
             }));
         }
         if let Some(again) = attempt.again(request, &placed, size_scale) {

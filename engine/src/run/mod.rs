@@ -40,7 +40,7 @@ use crate::packing::{
     RsaStatistics, SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Distance, Method, OnLimit, PackingRequest, Segregation};
+use crate::request::{Amount, Distance, Method, OnLimit, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, Solid};
 use crate::template_cache::TemplateCache;
@@ -195,8 +195,8 @@ impl Growing<'_> {
         }
     }
 
-    fn is_list(&self) -> bool {
-        self.request.mix.listed_diameters_mm().is_some()
+    fn amount(&self) -> Amount {
+        self.request.mix.amount()
     }
 }
 
@@ -425,7 +425,7 @@ fn not_inserted(
     end: End,
     [placed, grains]: [usize; 2],
     diameter_mm: impl Fn(usize) -> f64,
-    (specimen_mm3, is_list): (f64, bool),
+    (specimen_mm3, amount): (f64, Amount),
 ) -> PackError {
     let fraction = |n: usize| fraction_of(n, &diameter_mm, specimen_mm3);
     match end {
@@ -438,7 +438,7 @@ fn not_inserted(
                 volume_fraction_asked: fraction(grains),
                 saturation_proven,
                 attempts,
-                is_list,
+                amount,
             }))
         }
         End::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },

@@ -183,7 +183,7 @@ impl<S: ConvexShape> Job<'_, S> {
             return Ok(inserted(poses_alone(outcome.poses), outcome.statistics, start, short));
         }
         let diameter_mm = |i: usize| self.shapes[i].equivalent_diameter_mm();
-        let of = (self.mix.specimen_volume_mm3, self.run.is_list());
+        let of = (self.mix.specimen_volume_mm3, self.run.amount());
         Err(not_inserted(outcome.end, [placed, self.shapes.len()], diameter_mm, of))
     }
 
@@ -232,7 +232,7 @@ impl<S: ConvexShape> Job<'_, S> {
                 scale_reached: 0.0,
                 effort: GrowthEffort::Cycles { cycles: 0, moves: 0 },
                 end: GrowthEnd::NoStart,
-                is_list: run.is_list(),
+                amount: run.amount(),
             }),
         })?;
         let end = growth_end(outcome.end);
@@ -247,7 +247,7 @@ impl<S: ConvexShape> Job<'_, S> {
                 scale_reached: outcome.scale,
                 effort: GrowthEffort::Cycles { cycles: counted.cycles, moves: counted.moves_tried },
                 end,
-                is_list: run.is_list(),
+                amount: run.amount(),
             });
             Short::new(run.kept_reason(end, control), failure)
         });

@@ -117,7 +117,7 @@ impl Job<'_> {
         if outcome.end == End::Complete || short.is_some() {
             return Ok(inserted(self.spheres(&outcome.centers_mm)?, outcome.statistics, start, short));
         }
-        let of = (self.mix.specimen_volume_mm3, self.run.is_list());
+        let of = (self.mix.specimen_volume_mm3, self.run.amount());
         Err(not_inserted(outcome.end, [placed, self.diameters.len()], |i| self.diameters[i], of))
     }
 
@@ -149,7 +149,7 @@ impl Job<'_> {
                 scale_reached: 0.0,
                 effort: GrowthEffort::Events { events: 0, simulated_time_s: 0.0 },
                 end: GrowthEnd::NoStart,
-                is_list: self.run.is_list(),
+                amount: self.run.amount(),
             }),
         })?;
         let statistics = outcome.statistics;
@@ -168,7 +168,7 @@ impl Job<'_> {
                     simulated_time_s: statistics.simulated_time_s,
                 },
                 end: statistics.stop,
-                is_list: self.run.is_list(),
+                amount: self.run.amount(),
             });
             Short::new(self.run.kept_reason(statistics.stop, control), failure)
         });

@@ -370,8 +370,8 @@ impl Drawn {
                 "{placed} of {all} grains were placed: fewer than the {grains} that the seed draws must be"
             ));
         }
-        if told.is_list != request.mix.listed_diameters_mm().is_some() {
-            return VerifyError::wrong("is_list is not that of the request");
+        if told.amount != request.mix.amount() {
+            return VerifyError::wrong("amount is not that of the request");
         }
         let placed = told.placed as usize;
         let fraction = |n: usize| fraction_of(n, |i| self.d_mm(i), self.mix.specimen_volume_mm3);
@@ -419,8 +419,8 @@ impl Drawn {
                 told.volume_fraction_asked
             ));
         }
-        if told.is_list != request.mix.listed_diameters_mm().is_some() {
-            return VerifyError::wrong("is_list is not that of the request");
+        if told.amount != request.mix.amount() {
+            return VerifyError::wrong("amount is not that of the request");
         }
         if told.distance_mm_asked != distance_asked_mm(request) {
             return VerifyError::wrong("distance_mm_asked is another than that of the request");

@@ -57,9 +57,9 @@ impl From<ReadingParameters> for ReadOptions {
     post, path = "/v1/mixes/read", tag = "jobs", operation_id = "read_mix",
     params(ReadingParameters),
     request_body(description = "The file, of any media type", content(
-        (String = "text/plain"),
-        (String = "text/csv"),
-        (String = "text/html"),
+        ("text/plain"),
+        ("text/csv"),
+        ("text/html"),
         ("application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"),
         ("application/vnd.oasis.opendocument.spreadsheet"),
         ("application/octet-stream"),

@@ -173,7 +173,7 @@ fn not_reached(facts: &FailureFacts) -> Option<TargetNotReached> {
             volume_fraction_asked,
             saturation_proven: facts.saturation_proven?,
             attempts: facts.attempts.filter(|attempts| i64::try_from(*attempts).is_ok())?,
-            is_list: facts.is_list.unwrap_or(false),
+            amount: facts.amount.unwrap_or_default(),
         }));
     }
     let is_count = |count: &u64| i64::try_from(*count).is_ok();
@@ -195,7 +195,7 @@ fn not_reached(facts: &FailureFacts) -> Option<TargetNotReached> {
         scale_reached: facts.scale_reached?,
         effort,
         end: facts.end?,
-        is_list: facts.is_list.unwrap_or(false),
+        amount: facts.amount.unwrap_or_default(),
     }))
 }
 
@@ -203,6 +203,7 @@ fn not_reached(facts: &FailureFacts) -> Option<TargetNotReached> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use packstone_engine::packing::GrowthEnd;
+    use packstone_engine::request::Amount;
 
     use super::*;
 
@@ -280,7 +281,7 @@ mod tests {
             scale_reached: 0.9,
             effort: GrowthEffort::Cycles { cycles: 3, moves: 12 },
             end: GrowthEnd::Stalled,
-            is_list: true,
+            amount: Amount::List,
         };
         let failed = InsertionFailed {
             placed: 3,
@@ -290,7 +291,7 @@ mod tests {
             volume_fraction_asked: 0.2,
             saturation_proven: true,
             attempts: 9,
-            is_list: false,
+            amount: Amount::Volume,
         };
         let events = GrowthEffort::Events { events: 5, simulated_time_s: 0.5 };
         for reached in [

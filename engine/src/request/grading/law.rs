@@ -19,10 +19,14 @@ use crate::elementary::{exp, ln, powf};
 const TAIL: f64 = 0.001;
 /// Quantile of the standard normal distribution at `1 - TAIL`.
 const NORMAL_QUANTILE: f64 = 3.090_232_306_167_813;
-/// Standard deviations from the mode beyond which a normal density is below 1e-31 of its maximum.
-const NORMAL_SPAN: f64 = 12.0;
-/// Logarithm of the same for a Weibull density.
-const WEIBULL_SPAN: f64 = 72.0;
+/// Standard deviations from the mean beyond which less than 1e-40 of a normal law lies.
+const NORMAL_SPAN: f64 = 14.0;
+/// Logarithm of the same for a Weibull law.
+const WEIBULL_SPAN: f64 = 92.0;
+/// Standard deviations from the mean beyond which less than 1e-9 of a normal law lies.
+const NORMAL_TAIL: f64 = 6.0;
+/// Exponent `(d / scale)^shape` above which less than 1e-9 of Weibull's law lies.
+const WEIBULL_TAIL: f64 = 20.8;
 
 /// Diameter at which Faury's curve has no mass left, in mm: cement is the finest part of it.
 const FAURY_FINEST_MM: f64 = 0.0065;
@@ -86,9 +90,10 @@ pub struct Distribution {
 }
 
 impl DistributionLaw {
-    /// The diameters that 0.1 % and 99.9 % are finer than; `None` where the law has no positive diameter there.
-    pub(super) fn usual_bounds_mm(self) -> Option<(f64, f64)> {
-        let (low, high) = match self {
+    /// The diameters that 0.1 % and 99.9 % are finer than. The first is not positive where a normal law has more than
+    /// that below 0.
+    pub(super) fn usual_bounds_mm(self) -> (f64, f64) {
+        match self {
             Self::Lognormal { median_mm, sigma } => {
                 let factor = exp(NORMAL_QUANTILE * sigma);
                 (median_mm / factor, median_mm * factor)
@@ -101,8 +106,21 @@ impl DistributionLaw {
                 let at = |finer: f64| scale_mm * powf(-ln(1.0 - finer), 1.0 / shape);
                 (at(TAIL), at(1.0 - TAIL))
             }
-        };
-        (low > 0.0).then_some((low, high))
+        }
+    }
+
+    /// Whether 1e-9 of the law or more may lie above one diameter and below another.
+    pub(super) fn reaches_mm(self, low: f64, high: f64) -> bool {
+        match self {
+            Self::Lognormal { median_mm, sigma } => {
+                ln(low / median_mm) <= NORMAL_TAIL * sigma && ln(high / median_mm) >= -NORMAL_TAIL * sigma
+            }
+            Self::Normal { mean_mm, standard_deviation_mm } => {
+                let half = NORMAL_TAIL * standard_deviation_mm;
+                low <= mean_mm + half && high >= mean_mm - half
+            }
+            Self::Weibull { scale_mm, shape } => shape * ln(low / scale_mm) <= ln(WEIBULL_TAIL),
+        }
     }
 }
 
@@ -131,8 +149,7 @@ impl Distribution {
         mode.clamp(self.d_min_mm, self.d_max_mm)
     }
 
-    /// The part of the range outside of which no mass is left that a sum of it would show, in mm; empty where the
-    /// bounds lie there.
+    /// The part of the range outside of which no mass is left that a sum of it would show, in mm.
     pub(crate) fn span_mm(&self) -> (f64, f64) {
         let power = self.mass_power();
         let (low, high) = match self.law {
@@ -140,9 +157,9 @@ impl Distribution {
                 let (middle, half) = (power * sigma * sigma, NORMAL_SPAN * sigma);
                 (median_mm * exp(middle - half), median_mm * exp(middle + half))
             }
-            DistributionLaw::Normal { standard_deviation_mm, .. } => {
+            DistributionLaw::Normal { mean_mm, standard_deviation_mm } => {
                 let half = NORMAL_SPAN * standard_deviation_mm;
-                (self.mode_mm() - half, self.mode_mm() + half)
+                (mean_mm - half, mean_mm + half)
             }
             DistributionLaw::Weibull { scale_mm, shape } => {
                 let total = shape + power;

@@ -285,18 +285,23 @@ impl Grading {
         goes_to_dust.then_some(DEFAULT_D_MIN_MM)
     }
 
-    /// What was added to the curve, a sentence for each sieve that matters above the cut-off, and the bounds of a law
-    /// that are its usual ones.
-    pub(crate) fn completions(&self, cut_off_mm: f64) -> Vec<String> {
-        if let Form::Distribution(Distribution { law, d_min_mm, d_max_mm, .. }) = self.form() {
+    /// What was added to the curve, a sentence for each sieve that matters, and the bounds of a law that are its usual
+    /// ones, where grains between two diameters in mm are placed.
+    pub(crate) fn completions(&self, cut_off_mm: f64, largest_mm: f64) -> Vec<String> {
+        if let Form::Distribution(Distribution { law, by, d_min_mm, d_max_mm }) = self.form() {
             let usual = law.usual_bounds_mm();
-            let sentence = |name, mm: f64, finer| {
-                format!("the law is cut off at its {name}, {mm:.4} mm, which {finer} % of it are finer than")
+            let of = match by {
+                By::Mass => "the mass is",
+                By::Number => "the grains are",
             };
-            let low = usual.filter(|usual| usual.0 == d_min_mm);
-            let high = usual.filter(|usual| usual.1 == d_max_mm);
-            let low = low.map(|_| sentence("d_min_mm", d_min_mm, 0.1));
-            return low.into_iter().chain(high.map(|_| sentence("d_max_mm", d_max_mm, 99.9))).collect();
+            let sentence = |name, mm: f64, finer| {
+                format!("the law is cut off at its {name}, {mm:.4} mm, which {finer} % of {of} finer than")
+            };
+            let low =
+                (usual.0 == d_min_mm && cut_off_mm < d_min_mm).then(|| sentence("d_min_mm", d_min_mm, 0.1));
+            let high =
+                (usual.1 == d_max_mm && largest_mm > d_max_mm).then(|| sentence("d_max_mm", d_max_mm, 99.9));
+            return low.into_iter().chain(high).collect();
         }
         let (points, completed_mm) = match self {
             Self::Sieves { points, completed_mm, .. } => (Cow::Borrowed(points), completed_mm.clone()),
@@ -363,6 +368,7 @@ pub(super) fn check_d_min(grading: &mut Grading, given: Option<f64>, at: &At<'_>
         return None;
     }
     if d_min < low && passing_below > 0.0 {
+        let named = if given.is_none() { "the default d_min_mm " } else { "" };
         let mut remedy = String::new();
         if let Grading::Sieves { points, completed_mm, .. } = grading {
             if complete_below(points, completed_mm).is_some() {
@@ -374,7 +380,7 @@ pub(super) fn check_d_min(grading: &mut Grading, given: Option<f64>, at: &At<'_>
             );
         }
         at.fault(format!(
-            "{d_min} is out of range: must be at least {low} mm, below which the grading says nothing{remedy}"
+            "{named}{d_min} is out of range: must be at least {low} mm, below which the grading says nothing{remedy}"
         ));
         return None;
     }

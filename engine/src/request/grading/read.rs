@@ -145,7 +145,8 @@ fn read_diameters(object: &mut Object<'_>) -> Option<Grading> {
 }
 
 fn read_standard(object: &mut Object<'_>) -> Option<Grading> {
-    let standard = match object.optional("standard") {
+    let standard_at = object.optional("standard");
+    let standard = match &standard_at {
         Some(at) => at.choice(&Standard::NAMES),
         None => Some(Standard::default()),
     };
@@ -163,6 +164,17 @@ fn read_standard(object: &mut Object<'_>) -> Option<Grading> {
     let name_at = object.required("name")?;
     let (standard, curve) = (standard?, curve?);
     let names: Vec<_> = standard::of_standard(standard).map(|grading| (grading.name, grading)).collect();
+    if standard_at.is_none()
+        && let Some(name) = name_at.value().as_str()
+        && standard::find(standard, name).is_none()
+        && let Some((other, _)) = Standard::NAMES.iter().find(|of| standard::find(of.1, name).is_some())
+    {
+        name_at.fault(format!(
+            "{name:?} is a grading of another standard: name it as `standard`, for example {other:?} (without one it is \
+             DIN 1045-2)"
+        ));
+        return None;
+    }
     let grading = name_at.choice(&names)?;
     match (curve, curve_at) {
         (Some(_), Some(at)) if grading.is_curve() => {

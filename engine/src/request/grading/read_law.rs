@@ -1,8 +1,8 @@
 //! Reads gradings by formulas and by laws out of JSON.
 
-use super::law::{By, Distribution, DistributionLaw, dreux_bend_mm, dreux_percent, faury_percent};
+use super::law::{By, DistributionLaw, dreux_bend_mm, dreux_percent, faury_percent};
 use super::{EXPONENT, Grading, LENGTH, length, number};
-use crate::request::decode::{Bound, Object};
+use crate::request::decode::{At, Bound, Object};
 use crate::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 
 const SIGMA: Bound = Bound::closed(0.01, 3.0, "");
@@ -88,8 +88,8 @@ pub(super) fn read_dreux_gorisse(object: &mut Object<'_>) -> Option<Grading> {
 fn check_middle(object: &Object<'_>, percent: f64, d_mm: f64) -> Option<()> {
     if percent <= 0.0 || percent >= 100.0 {
         object.at().fault(format!(
-            "{percent:.4} % would pass {d_mm} mm: must be more than 0 and less than 100 %; change the largest diameter \
-             or the percents"
+            "{percent:.4} % would pass {d_mm} mm: must be more than 0 and less than 100 %; change the largest diameter, \
+             the percents or the radius of the mould"
         ));
         return None;
     }
@@ -101,7 +101,7 @@ pub(super) fn read_lognormal(object: &mut Object<'_>) -> Option<Grading> {
     let sigma = number(object, "sigma", SIGMA);
     let by = read_by(object);
     let law = median.zip(sigma).map(|(median_mm, sigma)| DistributionLaw::Lognormal { median_mm, sigma });
-    let (d_min_mm, d_max_mm) = read_bounds(object, law, by)?;
+    let (d_min_mm, d_max_mm) = read_bounds(object, law)?;
     let (median_mm, sigma, by) = (median?, sigma?, by?);
     Some(Grading::Lognormal { median_mm, sigma, by, d_min_mm, d_max_mm })
 }
@@ -109,24 +109,22 @@ pub(super) fn read_lognormal(object: &mut Object<'_>) -> Option<Grading> {
 pub(super) fn read_normal(object: &mut Object<'_>) -> Option<Grading> {
     let mean = length(object, "mean_mm");
     let deviation = number(object, "standard_deviation_mm", DEVIATION);
-    if let (Some(mean_mm), Some(deviation_mm)) = (mean, deviation)
-        && deviation_mm < LEAST_DEVIATION * mean_mm
-    {
-        let least = LEAST_DEVIATION * mean_mm;
-        object.at().fault_below(
-            "/standard_deviation_mm",
-            format!(
-                "{deviation_mm} is out of range: must be at least {least} mm, {LEAST_DEVIATION} of the mean"
-            ),
-        );
-        return None;
-    }
     let by = read_by(object);
     let law = mean
         .zip(deviation)
         .map(|(mean_mm, standard_deviation_mm)| DistributionLaw::Normal { mean_mm, standard_deviation_mm });
-    let (d_min_mm, d_max_mm) = read_bounds(object, law, by)?;
+    let (d_min_mm, d_max_mm) = read_bounds(object, law)?;
     let (mean_mm, standard_deviation_mm, by) = (mean?, deviation?, by?);
+    if standard_deviation_mm < LEAST_DEVIATION * mean_mm {
+        let least = LEAST_DEVIATION * mean_mm;
+        object.at().fault_below(
+            "/standard_deviation_mm",
+            format!(
+                "{standard_deviation_mm} is out of range: must be at least {least} mm, {LEAST_DEVIATION} of the mean"
+            ),
+        );
+        return None;
+    }
     Some(Grading::Normal { mean_mm, standard_deviation_mm, by, d_min_mm, d_max_mm })
 }
 
@@ -135,7 +133,7 @@ pub(super) fn read_weibull(object: &mut Object<'_>) -> Option<Grading> {
     let shape = number(object, "shape", WEIBULL_EXPONENT);
     let by = read_by(object);
     let law = scale.zip(shape).map(|(scale_mm, shape)| DistributionLaw::Weibull { scale_mm, shape });
-    let (d_min_mm, d_max_mm) = read_bounds(object, law, by)?;
+    let (d_min_mm, d_max_mm) = read_bounds(object, law)?;
     let (scale_mm, shape, by) = (scale?, shape?, by?);
     Some(Grading::Weibull { scale_mm, shape, by, d_min_mm, d_max_mm })
 }
@@ -144,41 +142,52 @@ pub(super) fn read_rosin_rammler(object: &mut Object<'_>) -> Option<Grading> {
     let scale = length(object, "characteristic_mm");
     let exponent = number(object, "exponent", WEIBULL_EXPONENT);
     let law = scale.zip(exponent).map(|(scale_mm, shape)| DistributionLaw::Weibull { scale_mm, shape });
-    let (d_min_mm, d_max_mm) = read_bounds(object, law, Some(By::Mass))?;
+    let (d_min_mm, d_max_mm) = read_bounds(object, law)?;
     let (characteristic_mm, exponent) = (scale?, exponent?);
     Some(Grading::RosinRammler { characteristic_mm, exponent, d_min_mm, d_max_mm })
 }
 
 /// Reads the bounds of a law; those that are absent are its usual ones.
-fn read_bounds(object: &mut Object<'_>, law: Option<DistributionLaw>, by: Option<By>) -> Option<(f64, f64)> {
-    let mut given = |name| match object.optional(name) {
+fn read_bounds(object: &mut Object<'_>, law: Option<DistributionLaw>) -> Option<(f64, f64)> {
+    let low_at = object.optional("d_min_mm");
+    let high_at = object.optional("d_max_mm");
+    let given = |at: &Option<At<'_>>| match at {
         Some(at) => at.number(LENGTH).map(Some),
         None => Some(None),
     };
-    let (d_min, d_max) = (given("d_min_mm"), given("d_max_mm"));
-    let (d_min, d_max, law, by) = (d_min?, d_max?, law?, by?);
+    let (low, high) = (given(&low_at), given(&high_at));
+    let (low, high, law) = (low?, high?, law?);
     let usual = law.usual_bounds_mm();
-    let Some((d_min_mm, d_max_mm)) =
-        d_min.or(usual.map(|usual| usual.0)).zip(d_max.or(usual.map(|usual| usual.1)))
-    else {
+    let (d_min_mm, d_max_mm) = (low.unwrap_or(usual.0), high.unwrap_or(usual.1));
+    if d_min_mm <= 0.0 {
         object.at().fault(
-            "the law has more than 0.1 % below a diameter of 0: must have a d_min_mm and a d_max_mm, between which it \
-             is cut off",
+            "the law has more than 0.1 % below a diameter of 0: must have a d_min_mm, at which it is cut off",
         );
         return None;
-    };
-    if !LENGTH.contains(d_min_mm) || !LENGTH.contains(d_max_mm) {
-        object.at().fault(format!(
-            "the law goes from {d_min_mm:e} to {d_max_mm:e} mm: must lie within {MIN_LENGTH_MM} to {MAX_LENGTH_MM} mm; \
-             name d_min_mm and d_max_mm"
-        ));
+    }
+    for (name, mm) in [("d_min_mm", d_min_mm), ("d_max_mm", d_max_mm)] {
+        if !LENGTH.contains(mm) {
+            object.at().fault(format!(
+                "the law goes to {mm:.4e} mm, which is out of range: name a {name} of {MIN_LENGTH_MM:e} to \
+                 {MAX_LENGTH_MM} mm, at which it is cut off"
+            ));
+            return None;
+        }
+    }
+    let at = low_at.as_ref().or(high_at.as_ref()).unwrap_or(object.at());
+    if d_min_mm >= d_max_mm {
+        let unnamed = match (low, high) {
+            (Some(_), None) => ", which 99.9 % of the law are finer than, for none is given",
+            (None, Some(_)) => "; 0.1 % of the law are finer than d_min_mm, for none is given",
+            _ => "",
+        };
+        at.fault(format!("d_min_mm {d_min_mm} must be less than d_max_mm {d_max_mm}{unnamed}"));
         return None;
     }
-    check_order(object, d_min_mm, d_max_mm)?;
-    let (low, high) = Distribution { law, by, d_min_mm, d_max_mm }.span_mm();
-    if low >= high {
-        object.at().fault(format!(
-            "no mass of the law lies between d_min_mm {d_min_mm} and d_max_mm {d_max_mm}: must hold a part of it"
+    if !law.reaches_mm(d_min_mm, d_max_mm) {
+        at.fault(format!(
+            "less than 1e-9 of the law lies between d_min_mm {d_min_mm} and d_max_mm {d_max_mm}: must hold more of it; \
+             look at the units"
         ));
         return None;
     }

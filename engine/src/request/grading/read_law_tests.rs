@@ -32,10 +32,13 @@ fn bounds_that_are_absent_are_quantiles_and_are_said() {
             "specimen": {"type": "box", "size_mm": [200, 200, 200]},
             "mix": {"grading": grading, "volume_fraction": 0.3},
         });
-        PackingRequest::from_json(&request, 1).unwrap().mix.grading.unwrap().completions(0.0)
+        PackingRequest::from_json(&request, 1).unwrap().mix.grading.unwrap().completions(0.0, f64::INFINITY)
     };
     let notes = said(json!({"type": "normal", "mean_mm": 8, "standard_deviation_mm": 1, "d_max_mm": 10}));
-    assert_eq!(notes, ["the law is cut off at its d_min_mm, 4.9098 mm, which 0.1 % of it are finer than"]);
+    assert_eq!(
+        notes,
+        ["the law is cut off at its d_min_mm, 4.9098 mm, which 0.1 % of the mass is finer than"]
+    );
     assert!(said(weibull).iter().any(|note| note.contains("d_min_mm")));
 }
 
@@ -47,7 +50,7 @@ fn faults_name_the_field_and_what_to_change() {
         (json!({"type": "lognormal", "median_mm": 8, "sigma": 0.2, "by": "volume"}), "\"mass\", \"number\""),
         (
             json!({"type": "lognormal", "median_mm": 8, "sigma": 0.2, "d_min_mm": 900, "d_max_mm": 950}),
-            "no mass",
+            "less than 1e-9 of the law",
         ),
         (
             json!({"type": "lognormal", "median_mm": 8, "sigma": 0.2, "d_min_mm": 9, "d_max_mm": 7}),
@@ -55,7 +58,20 @@ fn faults_name_the_field_and_what_to_change() {
         ),
         (json!({"type": "normal", "mean_mm": 8, "standard_deviation_mm": 3}), "must have a d_min_mm"),
         (json!({"type": "normal", "mean_mm": 8, "standard_deviation_mm": 0.001}), "0.001 of the mean"),
-        (json!({"type": "weibull", "scale_mm": 1e6, "shape": 0.2}), "name d_min_mm and d_max_mm"),
+        (json!({"type": "weibull", "scale_mm": 1e6, "shape": 0.2}), "name a d_min_mm of 1e-6 to"),
+        (
+            json!({"type": "lognormal", "median_mm": 8, "sigma": 0.3, "d_min_mm": 30}),
+            "/mix/grading/d_min_mm: d_min_mm 30 must be less than d_max_mm 20.2",
+        ),
+        (
+            json!({"type": "normal", "mean_mm": 4, "standard_deviation_mm": 0.004, "d_min_mm": 7.9, "d_max_mm": 8.1}),
+            "less than 1e-9",
+        ),
+        (
+            json!({"type": "weibull", "scale_mm": 2.5, "shape": 3, "d_min_mm": 7.8, "d_max_mm": 8.2}),
+            "less than 1e-9",
+        ),
+        (json!({"type": "standard", "name": "57"}), "name it as `standard`, for example \"ASTM C33\""),
         (json!({"type": "andreasen", "d_min_mm": 16, "d_max_mm": 8, "exponent": 0.3}), "must be less"),
         (json!({"type": "bolomey", "d_max_mm": 16, "a_percent": 60}), "at most 50"),
         (
@@ -77,6 +93,16 @@ fn faults_name_the_field_and_what_to_change() {
         let fault = stored(grading).unwrap_err();
         assert!(fault.contains(says), "{says}: {fault}");
     }
+}
+
+/// A fault of one field does not make the others unknown.
+#[test]
+fn a_law_with_a_fault_has_this_fault_alone() {
+    let law = json!({
+        "type": "normal", "mean_mm": 8, "standard_deviation_mm": 0.001, "by": "number", "d_min_mm": 7, "d_max_mm": 9,
+    });
+    let fault = stored(law).unwrap_err();
+    assert!(!fault.contains("; ") && fault.contains("0.001 of the mean"), "{fault}");
 }
 
 #[test]

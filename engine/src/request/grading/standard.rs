@@ -311,12 +311,12 @@ mod tests {
         assert_eq!(stored(given.clone()), named);
         assert_eq!(stored(named.clone()), named);
         let grading = read(given).unwrap().mix.grading.unwrap();
-        assert!(grading.completions(2.36).is_empty(), "placed from there on");
-        let notes = grading.completions(2.0);
+        assert!(grading.completions(2.36, 90.0).is_empty(), "placed from there on");
+        let notes = grading.completions(2.0, 90.0);
         assert_eq!(notes.len(), 1);
         assert!(notes[0].contains("1.18 mm was added"), "{notes:?}");
         for (grading, says) in [
-            (json!({"type": "standard", "name": "57"}), "A16"),
+            (json!({"type": "standard", "name": "D16"}), "A16"),
             (json!({"type": "standard", "standard": "ASTM C33", "name": "A16"}), "467"),
             (json!({"type": "standard", "standard": "ASTM", "name": "57"}), "ASTM C33"),
             (json!({"type": "standard", "name": "A16", "curve": "lower"}), "one curve"),
