@@ -176,7 +176,7 @@ pub(crate) struct FailureFacts {
     pub(crate) saturation_proven: Option<bool>,
     /// What says how much aggregate the request has, where it is no volume: a number of grains, or a list of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(test, schema(required = false, nullable = false, inline))]
+    #[cfg_attr(test, schema(required = false, nullable = false))]
     pub(crate) amount: Option<Amount>,
     /// Number of insertions tried for the grain.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -40,7 +40,7 @@ with a `Deprecation` header (RFC 9745) for at least one minor version before.";
     ),
     // What responses that are made by hand refer to is not found by itself.
     components(schemas(
-        ProblemDocument, SliceDocument<'static>
+        packstone_engine::request::Amount, ProblemDocument, SliceDocument<'static>
     ))
 )]
 struct Base;
