@@ -5,10 +5,11 @@ use crate::packing::ClassReport;
 use crate::request::{Mix, MixPart};
 use crate::sorting;
 
-/// Grains of one volume by which the volume above a sieve may miss that of a mix that counts its grains. Numbers of
-/// narrow classes are rounded to half a grain above every diameter, and the diameters in a class are spread evenly.
+/// Largest difference between the volume above a sieve and its share of a counted mix, in volumes of the largest grain
+/// there. The number of grains above every diameter is rounded by at most half a grain, and the diameters within a
+/// class are spread evenly.
 const GRAINS: f64 = 3.0;
-/// Standard deviations by which the volume of bodies of random shapes may miss that of their numbers.
+/// The same for bodies of random shapes, in standard deviations of the sum of their volumes, on top of [`GRAINS`].
 const DEVIATIONS: f64 = 5.0;
 
 /// Volume in mm³ of all grains of a mix that counts them, by their sizes and volumes. Where the finest are missing, it

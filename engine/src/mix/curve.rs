@@ -10,9 +10,10 @@ use crate::sorting;
 const DRAWN: f64 = 1.0e-3;
 /// A share of the mass by which sums of it miss 1.
 const ROUNDING: f64 = 1.0e-9;
-/// Rise of the curve, and length in `ln d`, below which points in between may go: a line misses a curve that rises by
-/// so much by an eighth of it at most.
-const SHORT: f64 = 1.0e-3;
+/// Share of a single size below which it is drawn as a rise of the curve, not as a step.
+const STEP: f64 = 1.0e-4;
+/// Rise of the curve, and length in `ln d`, below which points in between may go: a line misses the curve by less.
+const SHORT: f64 = 2.0e-4;
 const LONGEST: f64 = 0.1;
 
 /// The share of the mass of all aggregate that passes each diameter: `[diameter in mm, share]` from fine to coarse, as
@@ -67,7 +68,7 @@ pub fn curve(mix: &Mix) -> Vec<[f64; 2]> {
         }
         closed += single;
         add(&mut points, [d, before]);
-        if single > 0.0 {
+        if single > STEP {
             points.push([d, (before + single).min(1.0)]);
         }
     }

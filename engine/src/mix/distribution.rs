@@ -10,11 +10,13 @@ use super::{CLASSES_PER_OCTAVE, sieve};
 use crate::elementary::{exp, ln};
 use crate::request::{Distribution, DistributionLaw};
 
-/// Largest change of the logarithm of the density in an interval: `c^2 / 8` of a part of the law is then the most by
-/// which what passes a diameter misses it.
-const CHANGE: f64 = 0.035;
+/// Largest change of the logarithm of the density in an interval.
+const CHANGE: f64 = 0.1;
 /// The same where the density over its largest has a logarithm below [`LOW`].
 const CHANGE_BELOW: f64 = 0.3;
+/// Largest part of the law by which what passes a diameter may miss it: with a change of `c`, mass that is taken as
+/// linear misses by at most `c / 8` of the mass of the interval.
+const MISS: f64 = 1.5e-4;
 const LOW: f64 = -14.0;
 /// Logarithm of the density over its largest below which an interval is not divided further.
 const NEGLIGIBLE: f64 = -60.0;
@@ -37,6 +39,13 @@ fn ln_density(distribution: &Distribution, d: f64) -> f64 {
 /// The intervals between two diameters in which there is mass, each with its mass over that which one interval of
 /// length 1 in `ln d` would have at the mode.
 fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
+    let roughly = divided(distribution, distribution.d_min_mm, distribution.d_max_mm, f64::INFINITY);
+    let all: f64 = roughly.iter().map(|interval| interval[2]).sum();
+    divided(distribution, from, to, MISS * all)
+}
+
+/// [`intervals`] in which what passes a diameter misses the law by at most `miss`, in the unit of their mass.
+fn divided(distribution: &Distribution, from: f64, to: f64, miss: f64) -> Vec<[f64; 3]> {
     const NODE: f64 = 0.774_596_669_241_483_4;
     let (low, high) = distribution.span_mm();
     let (low, high) = (low.max(from), high.min(to));
@@ -60,8 +69,10 @@ fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
         let mut waiting = vec![(end(pair[0]), end(pair[1]))];
         while let Some((a, b)) = waiting.pop() {
             let densest = a.2.max(b.2);
-            let change = if densest > LOW { CHANGE } else { CHANGE_BELOW };
-            let is_even = (b.2 - a.2).abs() <= change || densest < NEGLIGIBLE;
+            let change = (b.2 - a.2).abs();
+            let most = if densest > LOW { CHANGE } else { CHANGE_BELOW };
+            let missed = exp(densest) * (b.1 - a.1) * change / 8.0;
+            let is_even = (change <= most && missed <= miss) || densest < NEGLIGIBLE;
             let ln_middle = 0.5 * (a.1 + b.1);
             let middle = exp(ln_middle);
             let can_be_divided = a.0 < middle && middle < b.0;

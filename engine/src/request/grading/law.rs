@@ -3,8 +3,8 @@
 //! Each grading of a request is one of a few [`Form`]s. The sampler ([`crate::mix`]) draws from it and the check
 //! ([`crate::check`]) judges by it; each computes from its numbers by formulas of its own.
 //!
-//! Sources: Fuller and Thompson (1907), 10.1061/TACEAT.0001700; the modified Andreasen curve of Funk and Dinger (1994),
-//! 10.1007/978-1-4615-3118-0, equation 2.9; Bolomey (1935), Travaux 19, 228 to 232; Faury (1944), Le béton, Dunod;
+//! Sources: Fuller and Thompson (1907), Transactions of the ASCE 59, 67 to 143; the modified Andreasen curve of Funk
+//! and Dinger (1994), 10.1007/978-1-4615-3118-0; Bolomey (1935), Travaux 19, 228 to 232; Faury (1944), Le béton, Dunod;
 //! Dreux and Festa (1998), Nouveau guide du béton, Eyrolles; Rosin and Rammler (1933), Journal of the Institute of Fuel
 //! 7, 29 to 36; Weibull (1951), 10.1115/1.4010337.
 
