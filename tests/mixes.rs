@@ -239,3 +239,108 @@ async fn the_command_reads_standard_input() {
     assert!(!named.stdout.is_empty(), "{named:?}");
     assert_eq!((String::from_utf8(output.stdout).unwrap(), output.status.code()), (named.stdout, named.code));
 }
+
+const SAND: &str = "Sieve mm;Passing %\n0.125;2\n0.5;35\n1;60\n2;85\n4;100\n";
+const GRAVEL: &str = "Sieve mm;Passing %\n2;0\n4;8\n8;55\n16;100\n";
+
+fn blend_request() -> Value {
+    let sieves = |points: Value| json!({"type": "sieves", "points": points});
+    json!({
+        "aggregates": [
+            {"name": "sand", "grading": sieves(json!([[0.125, 2], [0.5, 35], [1, 60], [2, 85], [4, 100]]))},
+            {"name": "gravel", "grading": sieves(json!([[2, 0], [4, 8], [8, 55], [16, 100]]))},
+        ],
+        "target": {"type": "standard", "name": "B16"},
+    })
+}
+
+#[tokio::test]
+async fn a_blend_is_answered_with_a_request_that_packs() {
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    let client = server.client();
+    let answer = client.post("/v1/mixes/blend").json(&blend_request()).send().await.expect(200).json();
+    let shares: Vec<f64> =
+        answer["aggregates"].as_array().unwrap().iter().map(|one| one["share"].as_f64().unwrap()).collect();
+    assert!((shares[0] + shares[1] - 1.0).abs() < 1.0e-12 && shares[0] > 0.3, "{answer:#}");
+    // The one share that is free, by the normal equation at the sieves of B16.
+    let (mut above, mut below) = (0.0, 0.0);
+    let at = |points: &[[f64; 2]], mm: f64| {
+        let next = points.partition_point(|point| point[0] < mm);
+        match (next.checked_sub(1).map(|before| points[before]), points.get(next)) {
+            (None, _) => {
+                if points[0][0] == mm {
+                    points[0][1]
+                } else {
+                    0.0
+                }
+            }
+            (Some([a, fa]), Some([b, fb])) => fa + (fb - fa) * (mm / a).ln() / (b / a).ln(),
+            (Some(_), None) => 1.0,
+        }
+    };
+    let sand = [[0.063, 0.0], [0.125, 0.02], [0.5, 0.35], [1.0, 0.6], [2.0, 0.85], [4.0, 1.0]];
+    let gravel = [[2.0, 0.0], [4.0, 0.08], [8.0, 0.55], [16.0, 1.0]];
+    for sieve in answer["sieves"].as_array().unwrap() {
+        let mm = sieve["sieve_mm"].as_f64().unwrap();
+        let (s, g) = (if mm < 0.125 { 0.02 } else { at(&sand, mm) }, at(&gravel, mm));
+        let target = sieve["target_low"].as_f64().unwrap();
+        above += (s - g) * (target - g);
+        below += (s - g) * (s - g);
+    }
+    assert!((shares[0] - above / below).abs() < 1.0e-9, "{} {answer:#}", above / below);
+    let mut mix = answer["request"]["mix"].clone();
+    mix["volume_fraction"] = json!(0.3);
+    mix["d_min_mm"] = json!(4);
+    let job = json!({"specimen": {"type": "box", "size_mm": [80, 80, 80]}, "mix": mix});
+    let plan = client.post("/v1/plans").json(&job).send().await.expect(200).json();
+    assert_eq!(plan["figures"]["k_value"], answer["figures"]["k_value"]);
+    let query = client.post("/v1/mixes/blend?sheet=a").json(&blend_request()).send().await;
+    query.expect_problem(400, "validation-error");
+    let problem = client.post("/v1/mixes/blend").json(&json!({"aggregates": []})).send().await;
+    let problem = problem.expect_problem(422, "validation-error");
+    assert_eq!(problem["errors"].as_array().unwrap().len(), 2, "{problem:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn the_command_blends_tables_and_requests() {
+    let directory = tempfile::tempdir().unwrap();
+    let here = directory.path();
+    write(here, "sand.csv", SAND);
+    write(here, "gravel.csv", GRAVEL);
+    write(here, "blend.json", &blend_request().to_string());
+    let tables = ["mix", "blend", "sand.csv", "gravel.csv", "--target", "B16"];
+    let text = packstone(here, &[&tables[..], &["--out", "job.json"]].concat()).await;
+    assert_eq!(text.code, Some(0), "{text:?}");
+    for words in ["volume %", "sand", "residual: at most", "k-value"] {
+        assert!(text.stdout.contains(words), "{words}: {text:?}");
+    }
+    assert!(text.stderr.contains("specimen is a cube of 80 mm"), "{text:?}");
+    let job: Value = serde_json::from_slice(&fs::read(here.join("job.json")).unwrap()).unwrap();
+    assert_eq!(job["mix"]["aggregates"][1]["name"], "gravel");
+    let of_tables = packstone(here, &[&tables[..], &["--json"]].concat()).await;
+    let of_request = packstone(here, &["mix", "blend", "blend.json", "--json"]).await;
+    assert_eq!(of_tables.stdout, of_request.stdout, "{of_request:?}");
+
+    // Two stockpiles in the columns of one table, and a band in another.
+    write(here, "two.csv", TWO);
+    write(here, "band.csv", "Sieve mm;min;max\n16;90;100\n8;60;75\n4;40;60\n1;20;40\n");
+    let ended = packstone(here, &["mix", "blend", "two.csv", "--target", "band.csv"]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    for words in ["Sand 0/4", "Gravel 4/16", "least %", "outside %"] {
+        assert!(ended.stdout.contains(words), "{words}: {ended:?}");
+    }
+    let named = packstone(here, &["mix", "blend", "two.csv", "--target", "BS 882 all-in 20 mm"]).await;
+    assert!(named.code == Some(0) && named.stdout.contains("most %"), "{named:?}");
+
+    for (arguments, words) in [
+        (&["two.csv"][..], "name what the blend is to meet by --target"),
+        (&["two.csv", "--target", "A17"], "is no file and no grading of a standard"),
+        (&["blend.json", "two.csv"], "leave other files and --target out"),
+        (&["none.csv", "--target", "A16"], "none.csv"),
+    ] {
+        let ended = packstone(here, &[&["mix", "blend"][..], arguments].concat()).await;
+        assert!(ended.code == Some(3) && ended.stderr.contains(words), "{words}: {ended:?}");
+    }
+}

@@ -48,6 +48,7 @@ fn every_route_of_this_version_is_in_it() {
         "get /v1/jobs/{id}/request",
         "post /v1/plans",
         "post /v1/mixes/read",
+        "post /v1/mixes/blend",
         "get /v1/jobs/{id}/exports",
         "get /v1/jobs/{id}/exports/{type}",
         "post /v1/jobs/{id}/exports/{type}",

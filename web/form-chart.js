@@ -1,5 +1,6 @@
 /** The grading curve beside the plan, over the band of a standard that the user compares it with. */
 import { h, replace, text } from "./dom.js";
+import { blendButton, blended } from "./form-blend.js";
 import { at, curve } from "./form-curve.js";
 
 /** @typedef {import("./form-standards.js").Standard} Standard */
@@ -15,29 +16,32 @@ let compared = null;
  * The grading curve, with the choice of what it is compared with.
  * @param {[number, number][]} points
  * @param {number | null} finest the cut-off
- * @param {any} grading of the request
+ * @param {any} mix of the request
  * @param {Standard[]} standards the gradings of all standards
+ * @param {(pointer: string, value: any) => void} use changes the request
  */
-export function chart(points, finest, grading, standards) {
+export function chart(points, finest, mix, standards, use) {
   if (!points.length) return null;
-  const bands = standards.filter((one) => one.standard !== "DIN 1045-2");
+  const grading = mix?.grading;
   const nameOf = (/** @type {{standard: string, name: string}} */ { standard, name }) => `${standard} ${name}`;
   const select = /** @type {HTMLSelectElement} */ (
     h(
       "select",
       { id: "compared" },
       h("option", { value: "" }, "DIN 1045-2 A, B, C"),
-      ...bands.map((one) => h("option", {}, nameOf(one))),
+      ...standards.map((one) => h("option", {}, nameOf(one))),
     )
   );
   const place = h("div", {});
   const words = h("p", { class: "hint" });
+  const chosen = () => standards.find((one) => nameOf(one) === select.value);
   const draw = () => {
-    const band = bands.find((one) => nameOf(one) === select.value);
+    const band = chosen();
     replace(place, curve(points, finest, standards, band));
-    text(words, band ? outside(points, band) : "");
+    text(words, band ? `${outside(points, band)} ${blended()}` : "");
   };
-  select.value = compared ?? (bands.some((one) => nameOf(one) === nameOf(grading ?? {})) ? nameOf(grading) : "");
+  const isBand = (/** @type {Standard} */ one) => one.standard !== "DIN 1045-2" && nameOf(one) === nameOf(grading ?? {});
+  select.value = compared ?? (standards.some(isBand) ? nameOf(grading) : "");
   // The form plans anew when a field of the request changes; this is none.
   select.addEventListener("input", (event) => event.stopPropagation());
   select.addEventListener("change", (event) => {
@@ -51,6 +55,7 @@ export function chart(points, finest, grading, standards) {
     {},
     place,
     h("div", { class: "field" }, h("label", { for: "compared" }, "Compared with"), select),
+    blendButton(mix, chosen, words, use),
     words,
   );
 }
@@ -69,7 +74,9 @@ function outside(points, { standard, name, limits }) {
     .filter(({ beyond }) => beyond > 5e-4);
   const band = `${standard} ${name}`;
   const [worst] = found.sort((a, b) => b.beyond - a.beyond);
-  if (!worst) return `Within the limits of ${band}.`;
+  const isCurve = limits.every(([, low, high]) => low === high);
+  if (!worst) return isCurve ? `The curve is ${band}.` : `Within the limits of ${band}.`;
   const share = `${(100 * worst.beyond).toFixed(1)}\u202f%`;
+  if (isCurve) return `Differs from ${band} by up to ${share} of the mass, at ${worst.d}\u202fmm.`;
   return `Outside of ${band} at ${found.length} of ${limits.length} sieves, by ${share} of the mass at ${worst.d}\u202fmm.`;
 }

@@ -6,7 +6,7 @@ const METHODS = { rsa: "Random sequential addition", growth: "Growth" };
 /**
  * @param {Element} place
  * @param {any} plan
- * @param {{request: any, note: string, chart: Element | null, use: (pointer: string, value: number) => void}} context
+ * @param {{request: any, note: string, chart: Element | null, use: (pointer: string, value: any) => void}} context
  *   `note`: which of several packings the plan is of
  */
 export function showPlan(place, plan, { request, note, chart, use }) {
@@ -33,6 +33,7 @@ export function showPlan(place, plan, { request, note, chart, use }) {
     proposal(plan, request, use),
     chart && h("div", {}, h("h3", {}, "Grading curve"), chart),
     methods(plan, request),
+    aggregate(plan.figures),
     classes(plan),
   );
 }
@@ -66,8 +67,8 @@ function notices(plan) {
  * @param {any} use
  */
 function proposal(plan, request, use) {
-  const { volume_fraction = null, distance_mm = null } = plan.proposal ?? {};
-  const take = (/** @type {string} */ pointer, /** @type {number} */ value, /** @type {string} */ what) =>
+  const { volume_fraction = null, distance_mm = null, specimen = null } = plan.proposal ?? {};
+  const take = (/** @type {string} */ pointer, /** @type {any} */ value, /** @type {string} */ what) =>
     h(
       "button",
       { type: "button", class: "quiet", "aria-label": `Use ${what}`, onclick: () => use(pointer, value) },
@@ -101,6 +102,11 @@ function proposal(plan, request, use) {
       ),
     );
   }
+  if (specimen !== null) {
+    const lengths = specimen.size_mm ?? [specimen.diameter_mm, specimen.height_mm];
+    const size = `${lengths.map((/** @type {number} */ mm) => number(mm)).join("\u202f×\u202f")}\u202fmm`;
+    rows.push(line("Smallest specimen", size, take("/specimen", specimen, `the specimen of ${size}`)));
+  }
   if (!rows.length) return null;
   return h(
     "div",
@@ -108,6 +114,44 @@ function proposal(plan, request, use) {
     h("h3", {}, "The most that is likely to fit"),
     h("table", {}, h("tbody", {}, rows)),
     h("p", { class: "hint" }, "Each with all else as it is, at a probability of 90\u202f%."),
+  );
+}
+
+/** The figures of the aggregate that laboratories compute by hand. @param {any} figures */
+function aggregate(figures) {
+  if (!figures) return null;
+  const { packing_model: model, paste } = figures;
+  const row = (/** @type {string} */ what, /** @type {string} */ figure) =>
+    h("tr", {}, h("th", { scope: "row" }, what), h("td", { class: "number" }, figure));
+  return h(
+    "details",
+    { class: "figures-of-aggregate" },
+    h("summary", {}, "Figures of the aggregate"),
+    h(
+      "table",
+      {},
+      h(
+        "tbody",
+        {},
+        row("Fineness modulus, ASTM C125", number(figures.fineness_modulus, 3)),
+        row("k-value, DIN 1045-2", number(figures.k_value, 3)),
+        row("Specific surface, as spheres", `${number(figures.specific_surface_m2_m3, 4)}\u202fm²/m³`),
+        figures.fines > 0 && row("Finer than 0.063\u202fmm", percent(figures.fines, 1)),
+        row("Packing density, all aggregate", number(figures.packing_density, 3)),
+        figures.packing_density_placed !== undefined &&
+          row("Packing density, grains placed", number(figures.packing_density_placed, 3)),
+        paste && row("Paste", `${percent(paste.volume_fraction, 1)} of the volume`),
+        paste && row("Paste film on the grains", quantity(paste.film_thickness_mm, "mm")),
+        paste && row("Paste between the largest grains", quantity(paste.maximum_thickness_mm, "mm")),
+      ),
+    ),
+    h(
+      "p",
+      { class: "hint" },
+      `Packing densities are those of compacted aggregate by de Larrard's model, compaction index ` +
+        `${number(model.compaction_index)}, residual packing density ${number(model.residual_packing_density)}; ` +
+        "`mix.packing_model` of the request sets others.",
+    ),
   );
 }
 

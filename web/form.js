@@ -153,7 +153,7 @@ async function plan() {
     // What the server decides is drawn as the server has it.
     const finest = document.classes[0]?.d_min_mm ?? null;
     largest = document.classes.at(-1)?.d_max_mm ?? null;
-    const drawn = chart(document.curve ?? [], finest, planned.point.mix?.grading, standards);
+    const drawn = chart(document.curve ?? [], finest, planned.point.mix, standards, use);
     replace(byId("drawing"), drawing(planned.point.specimen, largest));
     byId("d_min").setAttribute("placeholder", job.mix?.aggregates || finest === null ? "" : number(finest));
     showPlan(answer, document, { request: job, note: planned.note, chart: drawn, use });

@@ -26,6 +26,7 @@
 
 pub mod analysis;
 mod arrays;
+pub mod blend;
 pub mod check;
 pub mod checkpoint;
 pub mod control;

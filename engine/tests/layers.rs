@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 30] = [
+const LAYERS: [&str; 31] = [
     "arrays",
     "cpu",
     "elementary",
@@ -26,6 +26,7 @@ const LAYERS: [&str; 30] = [
     "distance",
     "gap",
     "mix",
+    "blend",
     "segregation",
     "methods",
     "plan",

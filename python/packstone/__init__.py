@@ -15,6 +15,7 @@ raised as :class:`PackstoneError`.
 
 from ._native import __version__ as __version__
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
+from .blends import Blend, BlendedSieve
 from .builders import (
     Addition,
     Aggregate,
@@ -59,6 +60,8 @@ __all__ = [
     "AsyncJob",
     "AsyncPacking",
     "AsyncStudy",
+    "Blend",
+    "BlendedSieve",
     "Box",
     "Client",
     "ConnectionFailed",

@@ -34,6 +34,9 @@ def read_mix(
 ) -> str:
     """Returns what was understood of a grading or a recipe, as ``POST /v1/mixes/read`` answers it."""
 
+def blend_mix(request: str) -> str:
+    """Returns a blend of stockpiles, as ``POST /v1/mixes/blend`` answers it."""
+
 def pack(
     request: str,
     *,

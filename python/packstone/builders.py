@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import readings
+from . import blends, readings
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -452,7 +452,8 @@ class Mix(_Fields):
 
     `shape` is the shape of all grains; `shapes` has pairs of the size above which a shape holds and the shape.
     `size` says what a diameter is of grains that are not spheres: their ``sieve`` size (the default) or the
-    diameter of the sphere of ``equivalent`` volume.
+    diameter of the sphere of ``equivalent`` volume. `packing_model` has the ``compaction_index`` and the
+    ``residual_packing_density`` by which a plan states the packing density of the aggregate.
     """
 
     def __init__(
@@ -471,6 +472,7 @@ class Mix(_Fields):
         shapes: Sequence[tuple[float, Shape]] | None = None,
         size: Literal["sieve", "equivalent"] | None = None,
         orientation: Mapping[str, Any] | None = None,
+        packing_model: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__(
             grading=_grading(grading),
@@ -486,6 +488,31 @@ class Mix(_Fields):
             shapes=_shapes(shapes),
             size=size,
             orientation=orientation,
+            packing_model=packing_model,
+        )
+
+    @staticmethod
+    def blend(
+        aggregates: Mapping[str, str | Grading | Mapping[str, Any]],
+        target: str | Grading | Mapping[str, Any] | blends.Limits,
+        *,
+        densities_kg_m3: Mapping[str, float] | None = None,
+        sieves_mm: Sequence[float] | None = None,
+        packing_model: Mapping[str, float] | None = None,
+    ) -> blends.Blend:
+        """Finds the shares of stockpiles whose blend comes nearest to a curve or into a band.
+
+        `aggregates` has the grading of each stockpile by its name. `target` is a grading, the name of a curve of
+        DIN 1045-2, or a band: limits as ``(sieve in mm, least, most)``, those of a :class:`MixBand`, or those of a
+        standard as ``{"type": "band", "standard": "ASTM C33", "name": "57"}``. It is met at the sieves `sieves_mm`, or
+        at its own. With the density of each stockpile the answer has shares of the mass too.
+        """
+        return blends.blend(
+            {name: _grading(grading) for name, grading in aggregates.items()},
+            Grading.standard(target) if isinstance(target, str) else target,
+            densities_kg_m3,
+            sieves_mm,
+            packing_model,
         )
 
     @staticmethod

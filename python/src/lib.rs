@@ -132,6 +132,12 @@ fn read_mix(
     py.detach(|| local::read_mix(table, sheet, curve, column, unit)).map_err(raised)
 }
 
+/// Returns a blend of stockpiles, as JSON.
+#[pyfunction]
+fn blend_mix(py: Python<'_>, request: &str) -> PyResult<String> {
+    py.detach(|| local::blend_mix(request)).map_err(raised)
+}
+
 /// Returns what belongs beside the file of an export, as the script of a mesh: what its name adds, and its text.
 #[pyfunction]
 fn companion(r#type: &str, options: &str, file_name: &str) -> PyResult<Option<(&'static str, String)>> {
@@ -278,6 +284,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(pack, module)?)?;
     module.add_function(wrap_pyfunction!(plan, module)?)?;
     module.add_function(wrap_pyfunction!(read_mix, module)?)?;
+    module.add_function(wrap_pyfunction!(blend_mix, module)?)?;
     module.add_function(wrap_pyfunction!(companion, module)?)?;
     module.add_class::<Study>()?;
     module.add_function(wrap_pyfunction!(run_of_study, module)?)?;

@@ -10,7 +10,9 @@ pub mod class;
 mod curve;
 pub(crate) mod deviation;
 mod distribution;
+mod figures;
 pub mod orientation;
+mod packing_model;
 pub mod sampling;
 pub mod shapes;
 pub mod sieve;
@@ -22,6 +24,8 @@ use crate::sorting;
 use class::{Class, Law};
 pub use curve::curve;
 pub use deviation::MAX_DEVIATION;
+pub(crate) use figures::figures_in_specimen;
+pub use figures::{FINES_MM, GradingFigures, PasteFigures, figures, passing};
 pub use orientation::{draw_orientation, uniform_orientation};
 pub use shapes::ShapeSampler;
 

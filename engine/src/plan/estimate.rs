@@ -54,6 +54,10 @@ pub struct Proposal {
     /// A constant distance; `null` for other rules of distance, and where there is none.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub distance_mm: Option<f64>,
+    /// The smallest specimen of the same proportions for the grains of a list or of a `mix.count`; `null` for other
+    /// mixes, which fill any specimen.
+    #[cfg_attr(feature = "openapi", schema(required))]
+    pub specimen: Option<Specimen>,
 }
 
 /// A request before the model.
@@ -179,7 +183,7 @@ impl<'a> Case<'a> {
             }
             _ => None,
         };
-        Proposal { volume_fraction, distance_mm }
+        Proposal { volume_fraction, distance_mm, specimen: None }
     }
 
     /// Whether a constant distance is likely to be reached.

@@ -9,6 +9,7 @@ mod estimate;
 mod model;
 mod rods;
 mod shapes;
+mod smallest;
 
 use std::num::NonZeroUsize;
 
@@ -22,7 +23,7 @@ use crate::methods::edmd::{Expected, MAX_GRAINS};
 use crate::methods::monte_carlo;
 use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
-use crate::mix::{GradedMix, curve, deviation};
+use crate::mix::{GradedMix, GradingFigures, curve, deviation, figures_in_specimen};
 use crate::request::{
     Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
 };
@@ -97,6 +98,10 @@ pub struct Plan {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(feature = "openapi", schema(required = false))]
     pub curve: Vec<[f64; 2]>,
+    /// Figures of all aggregate, told by a dry run; absent where all of it passes 0.063 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub figures: Option<GradingFigures>,
     /// What is likely to go wrong, in words.
     pub warnings: Vec<String>,
     /// Where growth of spheres starts, and what it is expected to take.
@@ -268,6 +273,7 @@ impl Plan {
             extrapolations: case.extrapolations(),
             classes,
             curve: Vec::new(),
+            figures: None,
             warnings,
             growth: case.growth(),
             keeps_checkpoints: grows || is_maximized,
@@ -275,7 +281,8 @@ impl Plan {
         })
     }
 
-    /// Adds to the plan of this request what a dry run tells beside it: the proposal and the grading curve.
+    /// Adds to the plan of this request what a dry run tells beside it: the proposal, the grading curve and the figures
+    /// of the aggregate.
     #[must_use]
     pub fn with_proposal(mut self, request: &PackingRequest) -> Self {
         self.curve = curve(&request.mix);
@@ -285,7 +292,15 @@ impl Plan {
         let mix = GradedMix::new(&request.mix, self.specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
-        self.proposal = Some(case.proposal(&case.of_request(&self.methods)));
+        let mut proposal = case.proposal(&case.of_request(&self.methods));
+        if densest.is_none() {
+            let fits = |request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule| {
+                check_largest(request, mix, rule).is_ok()
+            };
+            proposal.specimen = smallest::specimen(request, &mix, case.filled, fits);
+        }
+        self.proposal = Some(proposal);
+        self.figures = figures_in_specimen(&request.mix, &mix, densest.is_none());
         self
     }
 }

@@ -9,7 +9,7 @@ use super::decode::{At, Bound, Object, all, bounded, rounded};
 use super::grading::{check_d_min, read_d_min, read_grading};
 use super::proportions::{DENSITY, MASS};
 use super::shape::read_mix_shapes;
-use super::{Grading, GrainShape, Mix, ShapeClass};
+use super::{Grading, GrainShape, Mix, Orientation, PackingModel, ShapeClass, SizeMeasure, VolumeFractionOf};
 
 /// Most aggregates of a mix.
 pub const MAX_AGGREGATES: usize = 16;
@@ -87,6 +87,26 @@ impl<'a> MixPart<'a> {
 }
 
 impl Mix {
+    /// The mix of these aggregates, which states no amount.
+    pub(crate) fn of_aggregates(aggregates: Vec<Aggregate>) -> Self {
+        Self {
+            grading: None,
+            d_min_mm: None,
+            d_max_mm: None,
+            aggregates,
+            volume_fraction: None,
+            count: None,
+            proportions: None,
+            volume_fraction_of: VolumeFractionOf::AllAggregate,
+            allow_coarse: false,
+            shape: None,
+            shapes: Vec::new(),
+            size: SizeMeasure::default(),
+            orientation: Orientation::default(),
+            packing_model: PackingModel::default(),
+        }
+    }
+
     /// The shapes that have templates, of all aggregates and sizes.
     pub(crate) fn polyhedra_mut(&mut self) -> impl Iterator<Item = &mut super::PlainShape> {
         let of_aggregates = self.aggregates.iter_mut().flat_map(|aggregate| {
@@ -287,7 +307,7 @@ fn read_cut_off(
     }
 }
 
-fn read_name(at: &At<'_>) -> Option<String> {
+pub(super) fn read_name(at: &At<'_>) -> Option<String> {
     let name = at.string()?;
     let characters = name.chars().count();
     if characters == 0 || characters > MAX_AGGREGATE_NAME {

@@ -3,6 +3,7 @@
 use super::aggregate::{Aggregates, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
 use super::grading::{LENGTH, check_d_min, read_d_min, read_grading};
+use super::packing_model::PackingModel;
 use super::proportions::{MixProportions, read_proportions};
 use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
 use super::{MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction, VolumeFractionOf};
@@ -76,6 +77,7 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         Some(at) => at.choice(&[("sieve", SizeMeasure::Sieve), ("equivalent", SizeMeasure::Equivalent)]),
         None => Some(SizeMeasure::default()),
     };
+    let packing_model = PackingModel::read_field(&mut object);
     let shape_at = object.optional("shape").or_else(|| object.optional("shapes")).or(aggregates_at);
     object.finish();
     let (d_min, d_max, shapes) = (d_min?, d_max?, shapes?);
@@ -101,6 +103,7 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         shapes: shapes.by_size,
         size: size?,
         orientation: orientation?,
+        packing_model: packing_model?,
     };
     if let (Some(at), Some(d_max)) = (&d_max_at, d_max) {
         check_d_max(at, d_max, &mix)?;

@@ -6,12 +6,14 @@
 
 pub mod aggregate;
 mod axis;
+pub mod blend;
 pub mod decode;
 pub mod edmd;
 pub mod grading;
 pub mod materials;
 mod mix;
 pub mod monte_carlo;
+mod packing_model;
 pub mod presets;
 pub mod proportions;
 mod read;
@@ -24,8 +26,9 @@ mod sieves;
 use serde::{Deserialize, Serialize};
 
 pub use crate::shape::SizeMeasure;
-pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
+pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart, mean_density_kg_m3};
 pub use axis::Axis;
+pub use blend::{BlendRequest, Stockpile, Target};
 pub use decode::FieldError;
 pub use edmd::{EdmdOptions, EdmdStop};
 pub use grading::{
@@ -34,6 +37,7 @@ pub use grading::{
 };
 pub use materials::{Material, Materials};
 pub use monte_carlo::MonteCarloStop;
+pub use packing_model::PackingModel;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use shape::{
@@ -270,6 +274,10 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Orientation::is_uniform")]
     pub orientation: Orientation,
+    /// How the aggregate is taken to be compacted, for the figures of the mix; the packing does not depend on it.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    #[serde(skip_serializing_if = "PackingModel::is_default")]
+    pub packing_model: PackingModel,
 }
 
 impl Mix {

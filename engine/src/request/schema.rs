@@ -108,6 +108,69 @@ pub(crate) enum OneOrMore<T> {
     One(T),
 }
 
+/// What a blend is to meet: a curve, or a band.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub(crate) enum TargetInput {
+    /// A curve: any grading but `diameters`.
+    Curve(Grading),
+    /// A band by its limits.
+    Band(BandInput),
+    /// The band of a grading of a standard.
+    StandardBand(StandardBandInput),
+}
+
+/// The limits of a band.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[allow(dead_code)]
+pub(crate) enum BandInput {
+    /// A band.
+    Band {
+        /// `[sieve in mm, least, most]` in any order, all from 0 to 1 or all in percent; between them the limits are
+        /// linear in the logarithm of the diameter.
+        #[schema(schema_with = limits)]
+        points: Vec<[f64; 3]>,
+    },
+}
+
+/// The band of a grading of a standard.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+#[allow(dead_code)]
+pub(crate) enum StandardBandInput {
+    /// A band.
+    Band {
+        /// The standard.
+        #[schema(default = "DIN 1045-2", required = false)]
+        standard: standard::Standard,
+        /// The name of the grading in it, which must not be one curve.
+        #[schema(schema_with = standard_name)]
+        name: String,
+    },
+}
+
+/// The limits of a band by sieves.
+fn limits() -> Array {
+    let passing = || {
+        let number = ObjectBuilder::new().schema_type(Type::Number).minimum(Some(0)).maximum(Some(100));
+        RefOr::from(Schema::from(number.build()))
+    };
+    let point = ArrayBuilder::new()
+        .prefix_items([length(), passing(), passing()])
+        .items(ArrayItems::False)
+        .min_items(Some(3))
+        .max_items(Some(3))
+        .build();
+    ArrayBuilder::new()
+        .items(RefOr::from(Schema::from(point)))
+        .min_items(Some(1))
+        .max_items(Some(1000))
+        .examples([json!([[0.5, 0.08, 0.20], [2.0, 0.21, 0.42], [8.0, 0.60, 0.76]])])
+        .build()
+}
+
 /// An aggregate by its share of the volume, or by its mass in a cubic metre of concrete: all of a mix alike.
 #[derive(serde::Serialize, utoipa::ToSchema)]
 #[serde(untagged)]

@@ -151,8 +151,8 @@ fn block_on_threads<T>(
 }
 
 /// Prints the names of files that are written. A reader that has left does not make the command fail.
-fn print_files<'a>(files: impl IntoIterator<Item = &'a std::path::PathBuf>) -> Result<(), Failure> {
-    let mut lines: Vec<String> = files.into_iter().map(|file| file.display().to_string()).collect();
+fn print_files(files: impl IntoIterator<Item: AsRef<std::path::Path>>) -> Result<(), Failure> {
+    let mut lines: Vec<String> = files.into_iter().map(|file| file.as_ref().display().to_string()).collect();
     lines.push(String::new());
     match print(&lines.join("\n")) {
         Err(failure) if exit::is_closed_pipe(&failure) => Ok(()),

@@ -41,7 +41,7 @@ enum Named {
 pub(crate) const UNKNOWN_ROUTE: &str = "unknown";
 
 /// Routes whose answer is computed from the body of a request, of which nothing is stored.
-pub(crate) const COMPUTING_ROUTES: [&str; 2] = ["/v1/plans", "/v1/mixes/read"];
+pub(crate) const COMPUTING_ROUTES: [&str; 3] = ["/v1/plans", "/v1/mixes/read", "/v1/mixes/blend"];
 
 fn needs(method: &Method, route: &str) -> (Right, Named) {
     let reads = [Method::GET, Method::HEAD].contains(method);
@@ -156,6 +156,7 @@ mod tests {
             (Method::POST, "/v1/studies", (Right::Change, Named::Nothing)),
             (Method::POST, "/v1/plans", (Right::Read, Named::Nothing)),
             (Method::POST, "/v1/mixes/read", (Right::Read, Named::Nothing)),
+            (Method::POST, "/v1/mixes/blend", (Right::Read, Named::Nothing)),
             (Method::GET, "/v1/key", (Right::Ask, Named::Nothing)),
             (Method::POST, "/v1/leases", (Right::Work, Named::Nothing)),
             (Method::PUT, "/v1/leases/{task}/{attempt}/result", (Right::Work, Named::Nothing)),

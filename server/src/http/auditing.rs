@@ -151,6 +151,7 @@ mod tests {
             (Method::HEAD, "/v1/jobs/{id}/result", None),
             (Method::POST, "/v1/plans", None),
             (Method::POST, "/v1/mixes/read", None),
+            (Method::POST, "/v1/mixes/blend", None),
             (Method::POST, "/v1/jobs", Some("submit_job")),
             (Method::DELETE, "/v1/studies/{id}", Some("delete_study")),
             (Method::PUT, "/v1/new", Some("PUT /v1/new")),

@@ -1,17 +1,23 @@
-//! Readings of mixes: what gradings and recipes say as laboratories print them.
+//! Readings of mixes, as laboratories print them, and blends of stockpiles.
 
 use axum::extract::State;
 use axum::response::{IntoResponse as _, Response};
+use packstone_engine::blend::Blend;
 use packstone_engine::importer::{self, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Unit};
+use packstone_engine::request::BlendRequest;
 use packstone_engine::request::decode::FieldError;
 
-use crate::failure::FailureCode;
+use crate::failure::{Failure, FailureCode};
 use crate::http::app::{App, LARGE_BODY_BYTES};
 use crate::http::body::RequestBody;
 use crate::http::params::values::Text;
-use crate::http::params::{Query, choices, parameters};
+use crate::http::params::{NoParameters, Query, choices, parameters};
 use crate::http::submission::read_apart;
 use crate::problem::Problem;
+use crate::strict_json;
+
+/// Longest request for a blend: 16 curves of 1000 points take half of it.
+const MAX_BLEND_BYTES: u64 = 1 << 20;
 
 choices!(Unit);
 
@@ -89,4 +95,31 @@ pub(crate) async fn read(
         app.shared.compute.run(move |_| work()).await?
     };
     Ok(axum::Json(reading).into_response())
+}
+
+/// Blend stockpiles
+///
+/// The shares of stockpiles whose blend comes nearest to a curve or into a band: least squares over the sieves, with
+/// shares of at least 0 and a sum of 1. Beside them stand what passes each sieve, the residuals, figures of the blend
+/// and the part of a request that has it. Nothing is stored.
+#[cfg_attr(test, utoipa::path(
+    post, path = "/v1/mixes/blend", tag = "jobs", operation_id = "blend_mix",
+    request_body(content = BlendRequest, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The blend", body = Blend),
+        crate::http::problems::sets::MixReadingProblems
+    )
+))]
+pub(crate) async fn blend(
+    State(app): State<App>,
+    _: Query<NoParameters>,
+    mut body: RequestBody,
+) -> Result<Response, Problem> {
+    let bytes = body.read(MAX_BLEND_BYTES).await?;
+    let work = move || -> Result<Blend, Failure> {
+        let request = strict_json::parse(&bytes)?;
+        let request = BlendRequest::from_json(&request).map_err(Failure::invalid)?;
+        Ok(Blend::of(&request))
+    };
+    Ok(axum::Json(app.shared.compute.run(move |_| work()).await??).into_response())
 }

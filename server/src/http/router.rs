@@ -55,6 +55,7 @@ routes! {
     get "/v1/jobs/{id}/request" => jobs::get: request,
     post "/v1/plans" => jobs::plans: plan,
     post "/v1/mixes/read" => mixes: read,
+    post "/v1/mixes/blend" => mixes: blend,
     get "/v1/jobs/{id}/events" => jobs::events: events,
     post "/v1/jobs/{id}/cancel" => jobs::actions: cancel,
     post "/v1/jobs/{id}/finish" => jobs::actions: finish,

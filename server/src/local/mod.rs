@@ -29,8 +29,10 @@ use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use packstone_engine::blend::Blend;
 use packstone_engine::export::ExportError;
 use packstone_engine::importer::{self, ReadOptions, Unit};
+use packstone_engine::request::BlendRequest;
 use packstone_engine::{
     CheckpointError, FieldError, Limits, PackError, PackingRequest, Resume, TemplateCache, checkpoint,
 };
@@ -121,6 +123,16 @@ pub fn read_mix(
         named(&Unit::ALL, Unit::name, "unit", unit)?;
     }
     to_json(&importer::read(table, &ReadOptions { sheet, curve, column, unit }))
+}
+
+/// A blend of stockpiles, in the form of the answer to `POST /v1/mixes/blend`, as JSON.
+///
+/// # Errors
+/// [`Ended::Refused`] with all faults of the request.
+pub fn blend_mix(request: &str) -> Result<String, Ended> {
+    let request = strict_json::parse(request.as_bytes())?;
+    let request = BlendRequest::from_json(&request).map_err(Failure::invalid)?;
+    to_json(&Blend::of(&request))
 }
 
 /// A job that was read.

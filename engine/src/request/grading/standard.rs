@@ -64,6 +64,12 @@ impl Standard {
         ("GB/T 14685", Gbt14685),
         ("AREMA", Arema),
     ];
+
+    /// Its name in requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, standard)| *standard == self).map_or("", |(name, _)| name)
+    }
 }
 
 /// Which curve of a band a grading is.

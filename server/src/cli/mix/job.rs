@@ -1,6 +1,18 @@
 //! A whole job of a mix: what the table of a laboratory does not say has a default here.
 
+use std::io::{self, Write as _};
+use std::path::Path;
+
+use packstone_engine::{Limits, Plan};
 use serde_json::{Value, json};
+
+use super::super::exit::{Exit, Failure, cannot_be};
+use super::super::print_files;
+use super::super::run::{listed, refused, warn};
+use crate::atomic_file::write_buffered;
+use crate::config::limits_of_one_packing;
+use crate::jobs::{JobRequest, request};
+use crate::telemetry::say;
 
 /// Edge of the cube over the largest grain. EN 12390-1 asks for 3.5 of a specimen.
 const EDGE_PER_GRAIN: f64 = 5.0;
@@ -11,6 +23,28 @@ const VOLUME_FRACTION: f64 = 0.4;
 
 /// Largest grain where the table has no size: that of most concretes.
 const UNKNOWN_LARGEST_MM: f64 = 32.0;
+
+/// Writes a job of the mix of a request, and says what the request did not.
+pub(super) fn write(request: &Value, out: &Path) -> Result<(), Failure> {
+    let (job, said) = of_mix(request);
+    let read = JobRequest::read(&job, request::draw_seed(), None);
+    let read = read.map_err(|faults| Exit::BadInput.because(listed(out, &faults)))?;
+    let limits = limits_of_one_packing(Limits::default().max_grains);
+    let plan = Plan::new(&read.packing(), &limits).map_err(|error| refused(out, &error))?;
+    warn(&plan.warnings);
+    for line in &said {
+        say(line);
+    }
+    say(&format!(
+        "it packs about {:.0} grains, with a chance of success of {:.0} %",
+        plan.grains,
+        100.0 * plan.success_probability
+    ));
+    let text = format!("{}\n", serde_json::to_string_pretty(&job)?);
+    write_buffered(out, |to| to.write_all(text.as_bytes()))
+        .map_err(|error: io::Error| cannot_be("written", out, &error))?;
+    print_files([out])
+}
 
 /// A job of the mix of a request, and a sentence for each of its values that the request does not have.
 pub(super) fn of_mix(request: &Value) -> (Value, Vec<String>) {
@@ -100,10 +134,7 @@ fn rounded_up(mm: f64) -> f64 {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use packstone_engine::{Limits, Plan};
-
     use super::*;
-    use crate::jobs::JobRequest;
 
     fn curve(points: &[[f64; 2]]) -> Value {
         json!({"type": "sieves", "points": points})

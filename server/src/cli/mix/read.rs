@@ -1,6 +1,5 @@
 //! `packstone mix read`: what was understood of a table of gradings or of a recipe, and a job that packs it.
 
-use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -8,18 +7,12 @@ use clap::{Args, builder::PossibleValuesParser};
 use packstone_engine::importer::{
     self, Candidate, Level, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Unit, Verdict,
 };
-use packstone_engine::{Limits, Plan};
 
-use super::super::exit::{Exit, Failure, cannot_be};
+use super::super::exit::{Exit, Failure};
 use super::super::input::read_at_most;
 use super::super::outputs::refuse_existing;
-use super::super::run::{listed, refused, warn};
-use super::super::{print, print_files};
+use super::super::print;
 use super::{job, text};
-use crate::atomic_file::write_buffered;
-use crate::config::limits_of_one_packing;
-use crate::jobs::{JobRequest, request};
-use crate::telemetry::say;
 
 /// Longest input for whose candidates the options are looked for by reading it again.
 const MOST_READ_AGAIN_BYTES: usize = 64 << 10;
@@ -166,8 +159,8 @@ fn choice_by_name(bytes: &[u8], given: &ReadOptions, candidate: &Candidate) -> O
     })
 }
 
-/// Writes a job that packs the mix, and says what the table did not.
-fn write(reading: &MixReading, out: &PathBuf, file: &Path) -> Result<(), Failure> {
+/// Writes a job that packs the mix.
+fn write(reading: &MixReading, out: &Path, file: &Path) -> Result<(), Failure> {
     let Some(request) = &reading.request else {
         let text = format!(
             "{}: no request follows from limits alone: {} is not written",
@@ -176,22 +169,5 @@ fn write(reading: &MixReading, out: &PathBuf, file: &Path) -> Result<(), Failure
         );
         return Err(Exit::BadInput.because(text));
     };
-    let (job, said) = job::of_mix(request);
-    let read = JobRequest::read(&job, request::draw_seed(), None);
-    let read = read.map_err(|faults| Exit::BadInput.because(listed(out, &faults)))?;
-    let limits = limits_of_one_packing(Limits::default().max_grains);
-    let plan = Plan::new(&read.packing(), &limits).map_err(|error| refused(out, &error))?;
-    warn(&plan.warnings);
-    for line in &said {
-        say(line);
-    }
-    say(&format!(
-        "it packs about {:.0} grains, with a chance of success of {:.0} %",
-        plan.grains,
-        100.0 * plan.success_probability
-    ));
-    let text = format!("{}\n", serde_json::to_string_pretty(&job)?);
-    write_buffered(out, |to| to.write_all(text.as_bytes()))
-        .map_err(|error: std::io::Error| cannot_be("written", out, &error))?;
-    print_files([out])
+    job::write(request, out)
 }

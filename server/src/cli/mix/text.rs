@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use packstone_engine::blend::{Blend, BlendedAggregate, BlendedSieve};
 use packstone_engine::importer::{Band, Candidate, Curve, Level, MixReading, Note, Recipe, Verdict};
 
 /// A reading as text; `choices` has the option that chooses each candidate.
@@ -42,6 +43,50 @@ pub(super) fn of_reading(file: &Path, reading: &MixReading, choices: &[String]) 
     }
     if !notes.is_empty() {
         let _ = write!(text, "\n{}", of_notes(notes));
+    }
+    text
+}
+
+/// A blend as text: the shares, what passes each sieve, and the figures.
+pub(super) fn of_blend(blend: &Blend) -> String {
+    let share = |(number, aggregate): (usize, &BlendedAggregate)| {
+        let name = aggregate.name.clone().unwrap_or_else(|| format!("number {}", number + 1));
+        let by_mass = aggregate.mass_share.map(percent).unwrap_or_default();
+        vec![percent(aggregate.share), by_mass, name]
+    };
+    let has_masses = blend.aggregates.iter().any(|aggregate| aggregate.mass_share.is_some());
+    let heads = ["volume %", if has_masses { "mass %" } else { "" }, "aggregate"];
+    let mut text = table(&heads, &blend.aggregates.iter().enumerate().map(share).collect::<Vec<_>>(), 2);
+    let is_band = blend.sieves.iter().any(|sieve| sieve.target_low < sieve.target_high);
+    let row = |sieve: &BlendedSieve| {
+        let most = if is_band { vec![percent(sieve.target_high)] } else { Vec::new() };
+        let first = vec![sieve.sieve_mm.to_string(), percent(sieve.target_low)];
+        [first, most, vec![percent(sieve.passing), percent(sieve.residual)]].concat()
+    };
+    let heads: &[&str] = if is_band {
+        &["sieve mm", "least %", "most %", "passing %", "outside %"]
+    } else {
+        &["sieve mm", "target %", "passing %", "residual %"]
+    };
+    let _ = write!(text, "\n{}", table(heads, &blend.sieves.iter().map(row).collect::<Vec<_>>(), 5));
+    let _ = writeln!(
+        text,
+        "\nresidual: at most {} %, {} % root mean square",
+        percent(blend.largest_residual),
+        percent(blend.root_mean_square_residual)
+    );
+    if let Some(figures) = &blend.figures {
+        let _ = writeln!(
+            text,
+            "fineness modulus {} (ASTM C125), k-value {} (DIN 1045-2), {} m2/m3 as spheres, packing density {} \
+             (compaction index {}, residual packing density {})",
+            rounded(figures.fineness_modulus, 2),
+            rounded(figures.k_value, 2),
+            rounded(figures.specific_surface_m2_m3, 0),
+            rounded(figures.packing_density, 3),
+            figures.packing_model.compaction_index,
+            figures.packing_model.residual_packing_density
+        );
     }
     text
 }

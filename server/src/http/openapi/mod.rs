@@ -2,6 +2,7 @@
 //! give, and what holds everywhere. Compiled in tests alone.
 
 use packstone_engine::export::slice::SliceDocument;
+use packstone_engine::request::BlendRequest;
 use serde_json::{Map, Value, json};
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
@@ -61,6 +62,7 @@ fn finished(document: &OpenApi) -> Value {
     if let Some(schemas) = value["components"]["schemas"].as_object_mut() {
         strict::apply::<JobRequest>(schemas);
         strict::apply::<Study>(schemas);
+        strict::apply::<BlendRequest>(schemas);
         schemas.sort_keys();
     }
     value

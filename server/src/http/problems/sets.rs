@@ -51,7 +51,7 @@ problem_sets! {
     /// Of plans.
     PlanProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422, InfeasibleMix 422, TooLarge 422, FormatNotAvailable 422, Busy 503;
-    /// Of readings of mixes.
+    /// Of readings of mixes, and of blends.
     MixReadingProblems: ValidationError 400, MalformedJson 400, RequestTimeout 408, PayloadTooLarge 413,
         UnsupportedMediaType 415, ValidationError 422, Busy 503;
     /// Of results.

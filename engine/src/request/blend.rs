@@ -1,0 +1,240 @@
+//! A blend of stockpiles that is to meet a curve or a band: types, bounds and JSON form.
+
+use serde_json::Value;
+
+use super::aggregate::read_name;
+use super::decode::{At, Bound, Faults, Object, all, bounded};
+use super::grading::{LENGTH, read_grading};
+use super::packing_model::PackingModel;
+use super::proportions::DENSITY;
+#[cfg(feature = "openapi")]
+use super::schema;
+use super::standard::{self, Standard};
+use super::{FieldError, Grading, MAX_AGGREGATES, MAX_CURVE_POINTS};
+use crate::sorting;
+
+/// A fraction, or in percent.
+const PASSING: Bound = Bound::closed(0.0, 100.0, "(0 to 1, or percent)");
+
+/// Stockpiles, and the curve or band that their blend is to meet.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct BlendRequest {
+    /// The stockpiles, at most 16.
+    #[cfg_attr(feature = "openapi", schema(value_type = schema::OneOrMore<Stockpile>))]
+    pub aggregates: Vec<Stockpile>,
+    /// What is to be met.
+    #[cfg_attr(feature = "openapi", schema(value_type = schema::TargetInput))]
+    pub target: Target,
+    /// The sieves in mm at which it is to be met, at most 1000; those of the target when absent, or usual ones where it
+    /// is a law.
+    #[cfg_attr(feature = "openapi", schema(required = false, value_type = schema::OneOrMore<f64>))]
+    pub sieves_mm: Vec<f64>,
+    /// How the blend is taken to be compacted, for its figures.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub packing_model: PackingModel,
+}
+
+/// A supply of aggregate with one grading.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Stockpile {
+    /// What it is called; no two share a name.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, min_length = 1, max_length = 64))]
+    pub name: Option<String>,
+    /// Which diameters, in which proportion by mass; all but `diameters`.
+    pub grading: Grading,
+    /// Density of the grains; given for all stockpiles or for none.
+    #[cfg_attr(feature = "openapi", schema(required = false, nullable, minimum = 100, maximum = 30_000))]
+    pub density_kg_m3: Option<f64>,
+}
+
+/// What a blend is to meet.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Target {
+    /// A curve.
+    Curve(Grading),
+    /// A band: sieves in mm with the least and the most that may pass, from 0 to 1, from fine to coarse.
+    Band(Vec<[f64; 3]>),
+}
+
+impl BlendRequest {
+    /// Reads the request out of JSON.
+    ///
+    /// ```
+    /// use packstone_engine::request::BlendRequest;
+    /// use serde_json::json;
+    ///
+    /// let request = BlendRequest::from_json(&json!({
+    ///     "aggregates": [
+    ///         {"name": "sand", "grading": {"type": "standard", "standard": "BS 882", "name": "sand M"}},
+    ///         {"name": "gravel", "grading": {"type": "sieves", "points": [[4, 0.05], [8, 0.4], [16, 1]]}},
+    ///     ],
+    ///     "target": {"type": "standard", "name": "A16"},
+    /// }));
+    /// assert_eq!(request.map(|request| request.aggregates.len()), Ok(2));
+    /// ```
+    ///
+    /// # Errors
+    /// All faults of the document, each with its pointer.
+    pub fn from_json(value: &Value) -> Result<Self, Vec<FieldError>> {
+        let faults = Faults::default();
+        let request = At::root(value, &faults).object().and_then(|mut object| {
+            let request = Self::from_object(&mut object);
+            object.finish();
+            request
+        });
+        match request {
+            Some(request) if faults.count() == 0 => Ok(request),
+            _ => Err(faults.into_vec()),
+        }
+    }
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        let aggregates = object.required("aggregates").and_then(|at| read_stockpiles(&at));
+        let target = object.required("target").and_then(|at| read_target(&at));
+        let sieves_mm = match object.optional("sieves_mm") {
+            Some(at) => read_sieves(&at),
+            None => Some(Vec::new()),
+        };
+        let packing_model = PackingModel::read_field(object);
+        Some(Self {
+            aggregates: aggregates?,
+            target: target?,
+            sieves_mm: sieves_mm?,
+            packing_model: packing_model?,
+        })
+    }
+}
+
+fn read_stockpiles(at: &At<'_>) -> Option<Vec<Stockpile>> {
+    let items = bounded(at, "aggregates", MAX_AGGREGATES)?;
+    let aggregates = all(items.iter().map(|item| read_stockpile(&item)))?;
+    for (number, aggregate) in aggregates.iter().enumerate() {
+        let same = |other: &Stockpile| other.name.is_some() && other.name == aggregate.name;
+        if aggregates[..number].iter().any(same) {
+            items.at(number).fault_below("/name", "is the name of another aggregate: must differ");
+            return None;
+        }
+    }
+    let with_density = aggregates.iter().filter(|aggregate| aggregate.density_kg_m3.is_some()).count();
+    if with_density != 0 && with_density != aggregates.len() {
+        at.fault(format!(
+            "{with_density} of {} aggregates have a density_kg_m3: must be given for all or for none",
+            aggregates.len()
+        ));
+        return None;
+    }
+    Some(aggregates)
+}
+
+fn read_stockpile(at: &At<'_>) -> Option<Stockpile> {
+    let mut object = at.object()?;
+    let name = match object.optional("name") {
+        Some(at) => read_name(&at).map(Some),
+        None => Some(None),
+    };
+    let grading = object.required("grading").and_then(|at| read_curve(&at));
+    let density_kg_m3 = match object.optional("density_kg_m3") {
+        Some(at) => at.number(DENSITY).map(Some),
+        None => Some(None),
+    };
+    object.finish();
+    Some(Stockpile { name: name?, grading: grading?, density_kg_m3: density_kg_m3? })
+}
+
+/// A grading that is a curve.
+fn read_curve(at: &At<'_>) -> Option<Grading> {
+    let grading = read_grading(at)?;
+    if matches!(grading, Grading::Diameters { .. }) {
+        at.fault_below("/type", "\"diameters\" lists the grains of one packing: must be a curve or a law");
+        return None;
+    }
+    Some(grading)
+}
+
+fn read_target(at: &At<'_>) -> Option<Target> {
+    if at.value().get("type").is_none_or(|name| name != "band") {
+        return read_curve(at).map(Target::Curve);
+    }
+    let mut object = at.object()?;
+    object.required("type");
+    let points_at = object.optional("points");
+    let name_at = object.optional("name");
+    let standard_at = object.optional("standard");
+    object.finish();
+    match (points_at, name_at) {
+        (Some(at), None) if standard_at.is_none() => read_band(&at),
+        (None, Some(name_at)) => {
+            let standard = match standard_at {
+                Some(at) => at.choice(&Standard::NAMES)?,
+                None => Standard::default(),
+            };
+            let names: Vec<_> =
+                standard::of_standard(standard).map(|grading| (grading.name, grading)).collect();
+            let grading = name_at.choice(&names)?;
+            if grading.is_curve() {
+                name_at.fault(format!(
+                    "{} is one curve and no band: set the type to \"standard\"",
+                    grading.name
+                ));
+                return None;
+            }
+            let share = |percent: u8| f64::from(percent) / 100.0;
+            Some(Target::Band(
+                grading.limits.iter().map(|&(mm, low, high)| [mm, share(low), share(high)]).collect(),
+            ))
+        }
+        _ => {
+            at.fault("must have either points, or the name of a grading with its standard");
+            None
+        }
+    }
+}
+
+/// Reads the limits of a band: `[sieve in mm, least, most]`.
+fn read_band(at: &At<'_>) -> Option<Target> {
+    let items = at.array()?;
+    if items.is_empty() || items.len() > MAX_CURVE_POINTS {
+        at.fault(format!("has {} points: must have 1 to {MAX_CURVE_POINTS}", items.len()));
+        return None;
+    }
+    let mut rows: Vec<([f64; 3], usize)> = Vec::with_capacity(items.len());
+    for (row, item) in items.iter().enumerate() {
+        let [mm, low, high] = item.array_of()?;
+        rows.push(([mm.number(LENGTH)?, low.number(PASSING)?, high.number(PASSING)?], row));
+    }
+    sorting::by_number(&mut rows, |([mm, ..], _)| *mm);
+    for (number, &([mm, low, high], row)) in rows.iter().enumerate() {
+        if low > high {
+            items.at(row).fault(format!("the least {low} is above the most {high}: must not be"));
+            return None;
+        }
+        let before = number.checked_sub(1).map(|before| rows[before].0);
+        if let Some([finer, least, most]) = before
+            && (finer == mm || low < least || high < most)
+        {
+            items.at(row).fault(if finer == mm {
+                format!("the sieve {mm} mm stands in two points: must stand in one")
+            } else {
+                format!("the limits fall from {finer} mm to {mm} mm: must rise towards coarser sieves")
+            });
+            return None;
+        }
+    }
+    let is_percent = rows.iter().any(|([_, _, high], _)| *high > 1.0);
+    let scale = if is_percent { 0.01 } else { 1.0 };
+    Some(Target::Band(rows.into_iter().map(|([mm, low, high], _)| [mm, scale * low, scale * high]).collect()))
+}
+
+fn read_sieves(at: &At<'_>) -> Option<Vec<f64>> {
+    let items = bounded(at, "sieves", MAX_CURVE_POINTS)?;
+    let mut sieves = all(items.iter().map(|item| item.number(LENGTH)))?;
+    sorting::ascending(&mut sieves);
+    sieves.dedup();
+    Some(sieves)
+}
+
+#[cfg(test)]
+#[path = "blend_tests.rs"]
+mod tests;

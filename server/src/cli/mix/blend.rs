@@ -1,0 +1,167 @@
+//! `packstone mix blend`: the shares of stockpiles whose blend comes nearest to a curve or into a band.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use packstone_engine::blend::Blend;
+use packstone_engine::importer::{self, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Verdict};
+use packstone_engine::request::BlendRequest;
+use packstone_engine::request::standard::GRADINGS;
+use serde_json::{Value, json};
+
+use super::super::exit::{Exit, Failure};
+use super::super::input::read_at_most;
+use super::super::outputs::refuse_existing;
+use super::super::print;
+use super::super::run::{listed, warn};
+use super::{job, text};
+use crate::strict_json;
+
+/// Options of `packstone mix blend`.
+#[derive(Args)]
+pub(super) struct Options {
+    /// Tables of the stockpiles, as `mix read` takes them: each curve in them is a stockpile. Or one request as JSON,
+    /// as `POST /v1/mixes/blend` takes it
+    #[arg(required = true)]
+    files: Vec<PathBuf>,
+    /// What the blend is to meet: a table with a curve or with limits, or a grading of a standard, as `A16` or
+    /// `"ASTM C33 57"`, which is a band where it has limits. The limits of the tables where they have some
+    #[arg(long, value_name = "FILE or GRADING")]
+    target: Option<PathBuf>,
+    /// Print the blend as JSON, in the form of the answer to `POST /v1/mixes/blend`
+    #[arg(long)]
+    json: bool,
+    /// File for a job that packs the blend: in a cube of five times the largest grain, with a volume fraction of 0.4
+    /// and grains down to an eighth of the largest
+    #[arg(long, value_name = "JOB.json")]
+    out: Option<PathBuf>,
+    /// Overwrite that file
+    #[arg(long, requires = "out")]
+    force: bool,
+}
+
+pub(super) fn run(options: &Options) -> Result<(), Failure> {
+    refuse_existing(&options.out, options.force)?;
+    let (document, of) = request(options)?;
+    let request = BlendRequest::from_json(&document);
+    let blend = Blend::of(&request.map_err(|faults| Exit::BadInput.because(listed(of, &faults)))?);
+    if options.json {
+        print(&format!("{}\n", serde_json::to_string_pretty(&blend)?))?;
+    } else {
+        print(&text::of_blend(&blend))?;
+    }
+    warn(&blend.warnings);
+    options.out.as_ref().map_or(Ok(()), |out| job::write(&blend.request, out))
+}
+
+/// The request, and the file that its faults are those of.
+fn request(options: &Options) -> Result<(Value, &Path), Failure> {
+    let first = &options.files[0];
+    let bytes = read(first)?;
+    if bytes.trim_ascii_start().starts_with(b"{") {
+        if options.files.len() > 1 || options.target.is_some() {
+            let text = format!("{} is a whole request: leave other files and --target out", first.display());
+            return Err(Exit::BadInput.because(text));
+        }
+        let document = strict_json::parse(&bytes).map_err(|problem| {
+            Exit::BadInput.because(format_args!("{} is refused: {}", first.display(), problem.detail))
+        })?;
+        return Ok((document, first));
+    }
+    let mut aggregates = Vec::new();
+    let mut bands = Vec::new();
+    for file in &options.files {
+        let found = curves(file, &if file == first { bytes.clone() } else { read(file)? })?;
+        let several = found.curves.len() > 1;
+        for (number, curve) in found.curves.into_iter().enumerate() {
+            let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+            let name = curve.name.unwrap_or_else(|| {
+                if several { format!("{stem} {}", number + 1) } else { stem.into_owned() }
+            });
+            aggregates.push(json!({"name": name, "grading": grading(&curve.points)}));
+        }
+        bands.extend(found.bands);
+    }
+    let target = match (&options.target, bands.as_slice()) {
+        (Some(target), _) => named(target)?,
+        (None, [band]) => json!({"type": "band", "points": band.points}),
+        (None, _) => {
+            let text = format!(
+                "the tables have {} bands: name what the blend is to meet by --target, as --target A16",
+                bands.len()
+            );
+            return Err(Exit::BadInput.because(text));
+        }
+    };
+    Ok((json!({"aggregates": aggregates, "target": target}), first))
+}
+
+fn grading(points: &[[f64; 2]]) -> Value {
+    json!({"type": "sieves", "points": points})
+}
+
+fn read(file: &Path) -> Result<Vec<u8>, Failure> {
+    let bytes = read_at_most(file, MAX_WORKBOOK_BYTES as u64)?;
+    if bytes.len() > MAX_WORKBOOK_BYTES {
+        let text = format!("{} is refused: it has more than {MAX_WORKBOOK_BYTES} bytes", file.display());
+        return Err(Exit::BadInput.because(text));
+    }
+    Ok(bytes)
+}
+
+/// The curves and limits of a table. Several curves in columns of their own are no choice here: all are taken.
+fn curves(file: &Path, bytes: &[u8]) -> Result<MixReading, Failure> {
+    let mut reading = importer::read(bytes, &ReadOptions::default());
+    if reading.verdict == Verdict::Ask {
+        let of_candidates: Option<Vec<_>> =
+            reading.candidates.iter().map(|candidate| candidate.curve.clone()).collect();
+        let curves = of_candidates.unwrap_or_default();
+        let mut columns: Vec<&str> = curves.iter().map(|curve| curve.column.as_str()).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        if columns.len() == curves.len() && curves.len() > 1 {
+            reading.curves = curves;
+            return Ok(reading);
+        }
+    }
+    let has_one = matches!(reading.verdict, Verdict::Ok | Verdict::Warn);
+    if has_one && !(reading.curves.is_empty() && reading.bands.is_empty()) {
+        return Ok(reading);
+    }
+    Err(Exit::BadInput.because(format_args!(
+        "{} has no curve that can be taken as it is: `packstone mix read {}` shows what was understood",
+        file.display(),
+        file.display()
+    )))
+}
+
+/// The target of an option: a file, or a grading of a standard.
+fn named(target: &Path) -> Result<Value, Failure> {
+    let name = target.to_string_lossy();
+    let is_meant = |standard: &str, grading: &str| {
+        let (name, whole) = (name.trim(), format!("{standard} {grading}"));
+        name.eq_ignore_ascii_case(&whole) || (standard == "DIN 1045-2" && name.eq_ignore_ascii_case(grading))
+    };
+    let found = GRADINGS.iter().find(|grading| is_meant(grading.standard.name(), grading.name));
+    if let Some(grading) = found {
+        let kind = if grading.is_curve() { "standard" } else { "band" };
+        return Ok(json!({"type": kind, "standard": grading.standard.name(), "name": grading.name}));
+    }
+    if !target.exists() {
+        let text = format!(
+            "--target {name}: is no file and no grading of a standard: must be one of both, as A16 or \"ASTM C33 57\" \
+             (GET /v1/capabilities and docs/mixes.md list them)"
+        );
+        return Err(Exit::BadInput.because(text));
+    }
+    let reading = curves(target, &read(target)?)?;
+    match (reading.curves.as_slice(), reading.bands.as_slice()) {
+        ([curve], []) => Ok(grading(&curve.points)),
+        (_, [band]) => Ok(json!({"type": "band", "points": band.points})),
+        (curves, bands) => Err(Exit::BadInput.because(format_args!(
+            "--target {name}: has {} curves and {} bands: must have one of both",
+            curves.len(),
+            bands.len()
+        ))),
+    }
+}
