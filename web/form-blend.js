@@ -46,7 +46,10 @@ export function blendButton(mix, chosen, words, use) {
       ]
         .filter(Boolean)
         .join(" ");
-      use("/mix/aggregates", shared.filter((one) => one.share));
+      use(
+        "/mix/aggregates",
+        shared.filter((one) => one.share),
+      );
     } catch (error) {
       text(words, error instanceof Error ? error.message : String(error));
     }

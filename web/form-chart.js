@@ -40,7 +40,8 @@ export function chart(points, finest, mix, standards, use) {
     replace(place, curve(points, finest, standards, band));
     text(words, band ? `${outside(points, band)} ${blended()}` : "");
   };
-  const isBand = (/** @type {Standard} */ one) => one.standard !== "DIN 1045-2" && nameOf(one) === nameOf(grading ?? {});
+  const isBand = (/** @type {Standard} */ one) =>
+    one.standard !== "DIN 1045-2" && nameOf(one) === nameOf(grading ?? {});
   select.value = compared ?? (standards.some(isBand) ? nameOf(grading) : "");
   // The form plans anew when a field of the request changes; this is none.
   select.addEventListener("input", (event) => event.stopPropagation());

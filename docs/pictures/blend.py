@@ -20,6 +20,8 @@ PILES = {
     "gravel 10/20": [[6.3, 0.01], [10, 0.08], [14, 0.40], [20, 0.92], [31.5, 1]],
 }
 TARGET = {"type": "band", "standard": "BS 882", "name": "all-in 20 mm"}
+# Those of the standard, and one between 5 and 20 mm.
+SIEVES = [0.15, 0.6, 5, 10, 20, 37.5]
 
 
 def main():
@@ -29,6 +31,7 @@ def main():
             {"name": name, "grading": {"type": "sieves", "points": points}} for name, points in PILES.items()
         ],
         "target": TARGET,
+        "sieves_mm": SIEVES,
     }
     with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
         json.dump(request, file)
@@ -51,7 +54,7 @@ def main():
     curves.set(xscale="log", xlim=(0.063, 40), ylim=(0, 100), ylabel="passing, %")
     residuals.axhline(0, color="k", linewidth=0.5)
     residuals.vlines(at, 0, 100 * residual, linewidth=3)
-    residuals.set(xlabel="sieve, mm", ylabel="outside, %", ylim=(-5, 5))
+    residuals.set(xlabel="sieve, mm", ylabel="outside, %", ylim=(-10, 10))
     residuals.set_xticks([0.063, 0.25, 1, 4, 16], ["0.063", "0.25", "1", "4", "16"])
     residuals.minorticks_off()
     for plot in (curves, residuals):

@@ -101,3 +101,87 @@ test("a mix has a number of grains in place of a volume fraction", inBrowser, as
   clean();
   await close();
 });
+
+test(
+  "the shares of aggregates are set to meet a band, and the figures of the aggregate are told",
+  inBrowser,
+  async () => {
+    const { page, clean, accessible, close } = await openPage(browser, `${server.url}/`);
+    await planned(page);
+    const grading = (points) => ({ type: "sieves", points });
+    const aggregates = [
+      {
+        name: "sand",
+        share: 0.2,
+        grading: grading([
+          [0.15, 0.02],
+          [0.6, 0.4],
+          [2, 0.85],
+          [5, 1],
+        ]),
+      },
+      {
+        name: "gravel",
+        share: 0.4,
+        grading: grading([
+          [2, 0],
+          [5, 0.1],
+          [10, 0.5],
+          [20, 1],
+        ]),
+      },
+      {
+        name: "stone",
+        share: 0.4,
+        grading: grading([
+          [20, 0.0],
+          [40, 1],
+        ]),
+      },
+    ];
+    const mix = { aggregates, d_min_mm: 5, volume_fraction: 0.3 };
+    await page.fill("#json", JSON.stringify({ specimen: { type: "box", size_mm: [150, 150, 150] }, mix }));
+    await planned(page);
+    await page.click("#blend");
+    await page.waitForFunction(() => /Choose a grading/.test(document.querySelector(".answer")?.textContent ?? ""));
+    await page.selectOption("#compared", "BS 882 all-in 20 mm");
+    await page.click("#blend");
+    await page.waitForFunction(() => /Shares set/.test(document.querySelector(".answer")?.textContent ?? ""));
+    assert.match(await page.innerText(".answer"), /Within the limits of BS 882 all-in 20 mm\./);
+    const found = JSON.parse(await page.inputValue("#json")).mix.aggregates;
+    const sum = found.reduce((all, one) => all + one.share, 0);
+    assert.ok(Math.abs(sum - 1) < 1e-5 && found[0].share > 0.3, JSON.stringify(found));
+    await page.click("summary:has-text('Figures of the aggregate')");
+    const figures = await page.innerText(".figures-of-aggregate");
+    for (const words of [
+      /Fineness modulus, ASTM C125\s+\d\.\d/,
+      /Paste film on the grains/,
+      /residual packing density 0\.64/,
+    ])
+      assert.match(figures, words);
+    await accessible();
+    // A curve is met, too, and what has no share goes.
+    await page.selectOption("#compared", "DIN 1045-2 C8");
+    await page.click("#blend");
+    await page.waitForFunction(() => /Removed/.test(document.querySelector(".answer")?.textContent ?? ""));
+    assert.match(await page.innerText(".answer"), /Differs from DIN 1045-2 C8 by up to/);
+    clean();
+    await close();
+  },
+);
+
+test("the smallest specimen for a number of grains is proposed and used", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`);
+  await planned(page);
+  await page.check('[name="content"][value="count"]');
+  await planned(page);
+  const before = JSON.parse(await page.inputValue("#json")).specimen.size_mm[0];
+  const use = page.locator('button[aria-label^="Use the specimen of"]');
+  await use.click();
+  await planned(page);
+  const after = JSON.parse(await page.inputValue("#json")).specimen.size_mm[0];
+  assert.ok(after < before && after > 0.1 * before, `${before} ${after}`);
+  assert.match(await page.innerText(".answer"), /Success\s+9\d/);
+  clean();
+  await close();
+});
