@@ -131,7 +131,36 @@ function choice(candidates, take) {
       buttons[i],
     ),
   );
-  return h("div", { class: "candidates" }, ...parts);
+  return [h("div", { class: "candidates" }, ...parts), allTogether(candidates, buttons, take)];
+}
+
+/** Most aggregates of a mix. */
+const MOST_AGGREGATES = 16;
+
+/**
+ * A button that takes the curves in the columns of a table as aggregates with equal shares.
+ * @param {any[]} candidates
+ * @param {HTMLElement[]} buttons of the single candidates
+ * @param {(request: any) => void} take
+ */
+function allTogether(candidates, buttons, take) {
+  const gradings = candidates.map((one) => one.curve && one.request.mix?.grading).filter(Boolean);
+  const columns = new Set(candidates.map((one) => one.curve?.column));
+  const count = candidates.length;
+  if (gradings.length < count || columns.size < count || count > MOST_AGGREGATES) return null;
+  const nameOf = (/** @type {any} */ one, /** @type {number} */ i) =>
+    (one.curve.name ?? `Aggregate ${i + 1}`).slice(0, 64);
+  const names = candidates.map(nameOf);
+  const aggregates = gradings.map((grading, i) => ({
+    ...(names.indexOf(names[i] ?? "") === i ? { name: names[i] } : {}),
+    share: Number((1 / count).toPrecision(6)),
+    grading,
+  }));
+  const click = () => {
+    for (const button of buttons) button.setAttribute("aria-pressed", "false");
+    take({ mix: { aggregates } });
+  };
+  return h("p", {}, h("button", { type: "button", onclick: click }, `Use all ${count} as aggregates`));
 }
 
 /** @param {string[]} heads @param {import("./dom.js").Child[][]} rows */

@@ -2,6 +2,7 @@
  * Where tables of gradings and recipes come from: what is pasted, dropped, or chosen as a file. A table in the field of
  * a curve gives its points, one in the field for tables the whole mix. What shows them is loaded with the first.
  */
+import { areMasses } from "./form-aggregates.js";
 import { byId } from "./dom.js";
 import { areTyped, rowsOf } from "./form-sieves.js";
 
@@ -143,7 +144,10 @@ export class Tables {
 export function mixWith(mix, read) {
   const { grading: _, aggregates: __, ...others } = mix ?? {};
   if (!read.aggregates) return { ...others, ...read };
-  const { shape: ___, shapes: ____, volume_fraction: _____, proportions: ______, count: _______, ...kept } = others;
+  const { shape: ___, shapes: ____, ...without } = others;
+  const { volume_fraction: _____, proportions: ______, count: _______, ...empty } = without;
+  const hasAmount = areMasses(read.aggregates) || read.volume_fraction !== undefined || read.proportions;
+  const kept = hasAmount ? empty : without;
   // An aggregate without a curve waits for one.
   const aggregates = read.aggregates.map((/** @type {any} */ one) => ({
     ...one,

@@ -98,6 +98,21 @@ test("of several readings one is chosen by one click", inBrowser, async () => {
   await planned(page);
   const sand = (await request(page)).mix.grading.points;
   assert.equal(sand.find((/** @type {number[]} */ [mm]) => mm === 4)?.[1], 0.98);
+  // Or both, as the aggregates of one mix.
+  await page.click(`button:has-text("Use all ${count} as aggregates")`);
+  await planned(page);
+  const { aggregates, volume_fraction } = (await request(page)).mix;
+  assert.deepEqual(
+    aggregates.map((/** @type {any} */ one) => [one.name, one.share]),
+    [
+      ["Sand 0/4", 0.5],
+      ["Gravel 4/16", 0.5],
+    ],
+  );
+  assert.ok(volume_fraction > 0, "the amount stays");
+  await page.fill("#d_placed", "8");
+  await planned(page);
+  assert.equal((await request(page)).mix.d_max_mm, 8);
   clean();
   await close();
 });
