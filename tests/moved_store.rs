@@ -202,6 +202,40 @@ async fn a_database_of_postgresql_that_is_made_again_or_restored_ends_the_servic
 }
 
 #[tokio::test]
+async fn a_cluster_that_is_put_back_to_an_earlier_state_ends_the_service() {
+    let Some(postgres) = Postgres::start() else { return };
+    let data_dir = DataDir::new();
+    let (server, client) = on_postgres(&postgres, &data_dir).await;
+    let ready = async || {
+        let ready = async {
+            while client.get("/readyz").send().await.status.as_u16() != 200 {
+                tokio::task::yield_now().await;
+            }
+        };
+        patiently("the service to be ready", ready).await;
+    };
+    postgres.crash();
+    let earlier = postgres.copied();
+    postgres.up();
+    ready().await;
+    // A crash alone loses nothing, and is no earlier state.
+    client.succeed(&jobs::quick(2)).await;
+    postgres.crash();
+    postgres.up();
+    ready().await;
+    client.succeed(&jobs::quick(3)).await;
+    // Seen by the looks at the store, which come all the time.
+    postgres.ask("lab", "select pg_switch_wal()");
+    client.succeed(&jobs::quick(4)).await;
+    postgres.crash();
+    postgres.put_back(&earlier);
+    postgres.up();
+    eventually("the words in the log", || server.log().contains("the store is gone; the service ends")).await;
+    assert!(server.log().contains("another one than at the start"), "{}", server.log());
+    assert_eq!(server.ends_within(ENDS_WITHIN).await.code(), Some(MACHINE));
+}
+
+#[tokio::test]
 async fn a_database_that_does_not_answer_is_not_waited_for() {
     let Some(postgres) = Postgres::start() else { return };
     let data_dir = DataDir::new();

@@ -11,7 +11,7 @@ import pytest
 from live_server import LiveServer
 from packstone import Box, Grading, Mix, PackstoneError
 from packstone.readings import MixBand
-from scipy.optimize import minimize
+from scipy.optimize import minimize  # type: ignore[import-untyped]
 
 SIEVES = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16]
 
@@ -65,7 +65,7 @@ def test_a_blend_is_packed_and_says_what_it_is() -> None:
 
 
 def test_limits_are_met_from_a_table_or_a_standard() -> None:
-    stock = {"sand": "C8", "gravel": Grading.monodisperse(12)}
+    stock: dict[str, str | Grading] = {"sand": "C8", "gravel": Grading.monodisperse(12)}
     band = MixBand(name=None, points=((2, 0.2, 0.4), (8, 0.55, 0.65), (16, 1, 1)))
     for target in (band, band.points):
         found = Mix.blend(stock, target, sieves_mm=[2, 8])
@@ -81,8 +81,9 @@ def test_limits_are_met_from_a_table_or_a_standard() -> None:
 
 def test_the_service_answers_alike(server: LiveServer) -> None:
     found = Mix.blend({"a": "A8", "b": "C32"}, "B16", packing_model={"compaction_index": 4.1})
+    aggregates = [{"name": "a", "grading": Grading.standard("A8")}, {"name": "b", "grading": Grading.standard("C32")}]
     request = {
-        "aggregates": [{"name": "a", "grading": Grading.standard("A8")}, {"name": "b", "grading": Grading.standard("C32")}],
+        "aggregates": aggregates,
         "target": Grading.standard("B16"),
         "packing_model": {"compaction_index": 4.1},
     }

@@ -94,6 +94,20 @@ impl Postgres {
         self.run("pg_ctl", &format!("-D {} -w -m immediate stop", self.data().display()));
     }
 
+    /// A copy of all that it has on the disk, while it does not run.
+    pub(crate) fn copied(&self) -> PathBuf {
+        let copy = self.home().join("copy");
+        self.run("cp", &format!("-a {} {}", self.data().display(), copy.display()));
+        copy
+    }
+
+    /// Puts such a copy in the place of what it has, while it does not run.
+    pub(crate) fn put_back(&self, copy: &Path) {
+        let data = self.data();
+        self.run("rm", &format!("-rf {}", data.display()));
+        self.run("cp", &format!("-a {} {}", copy.display(), data.display()));
+    }
+
     /// Lets no process of it run until what is returned is dropped: connections hang without an error.
     pub(crate) fn suspend(&self) -> Suspended {
         let file = std::fs::read_to_string(self.data().join("postmaster.pid")).expect("a running PostgreSQL");
@@ -122,7 +136,9 @@ impl Postgres {
     }
 
     fn run(&self, program: &str, arguments: &str) {
-        let line = format!("{} {arguments}", self.programs.join(program).display());
+        let of_postgres = self.programs.join(program);
+        let program = if of_postgres.exists() { of_postgres } else { PathBuf::from(program) };
+        let line = format!("{} {arguments}", program.display());
         let mut command = Command::new(if self.user.is_some() { "su" } else { "/bin/sh" });
         if let Some(user) = &self.user {
             command.args([user, "-s", "/bin/sh"]);

@@ -163,7 +163,8 @@ fn are_alike(table: &Table, a: usize, b: usize, decimal: Decimal) -> bool {
         let of_head = table.rows.iter().find_map(|row| head(row.cell(column)).unit);
         size.unit
             .or(of_head)
-            .filter(|unit| matches!(unit, Unit::Mm | Unit::Um))
+            .or(size.is_fraction.then_some(Unit::Inch))
+            .filter(|unit| matches!(unit, Unit::Mm | Unit::Um | Unit::Inch))
             .and_then(|unit| unit.mm(size.number))
     };
     let (first, second) = (sizes(table, a, decimal), sizes(table, b, decimal));
@@ -437,6 +438,16 @@ mod tests {
         assert_eq!(block.rows.len(), 4);
         assert_eq!(block.columns[1].head.text, "Passing %");
         assert_eq!(block.rows[3].label, Label::Total);
+    }
+
+    #[test]
+    fn two_columns_of_sieves_are_one_scale_only_where_they_agree() {
+        let scales = |inches: [&str; 3]| {
+            let [a, b, c] = inches;
+            found(&format!("Sieve mm;Sieve in;Passing %\n19;{a};100\n9.5;{b};60\n4.75;{c};20\n")).len()
+        };
+        assert_eq!(scales(["3/4", "3/8", "0.187"]), 1);
+        assert_eq!(scales(["1", "1/2", "1/4"]), 2);
     }
 
     #[test]

@@ -6,6 +6,10 @@
 //! backup interface the connections see the other row. Bytes that are copied over the file are not seen by connections
 //! that find the row in the write-ahead log; therefore the page of the row is read from the file, too. It names the run
 //! from the start on, whatever is written to it later.
+//!
+//! PostgreSQL numbers the bytes of its write-ahead log, and what is on its disk outlives a crash. A whole cluster that
+//! was put back to an earlier state ends before a number that this process has seen, and so does a standby that took
+//! over without the last transactions.
 
 use std::fs::File;
 use std::io;
@@ -26,6 +30,8 @@ const MARK: Text = either(
     "select id || ' ' || tableoid || ' ' || (select oid from pg_database where datname = current_database())
      from packstone",
 );
+/// Number of the last byte of the write-ahead log of PostgreSQL that is on its disk.
+const REACHED: &str = "select (pg_current_wal_flush_lsn() - '0/0')::bigint";
 /// How often a page is read that does not name the run: SQLite may be writing it.
 const READS: usize = 20;
 /// Time between two of these.
@@ -35,6 +41,8 @@ const READ_AGAIN: Duration = Duration::from_millis(1);
 #[derive(Clone, Debug)]
 pub(super) struct Mark {
     text: String,
+    /// Of PostgreSQL: the largest [`REACHED`] that this process has seen.
+    reached: Arc<AtomicI64>,
     /// In SQLite, of which this process is the only writer.
     run: Option<Arc<Run>>,
 }
@@ -73,7 +81,8 @@ impl Mark {
         run: Option<String>,
     ) -> Result<Self, StoreError> {
         let text = query(MARK).scalar(&mut *connection).await?;
-        let (Some(file), Some(id)) = (file, run) else { return Ok(Self { text, run: None }) };
+        let reached = Arc::default();
+        let (Some(file), Some(id)) = (file, run) else { return Ok(Self { text, reached, run: None }) };
         let commits: i64 = query("select commits from packstone").scalar(&mut *connection).await?;
         let root = "select rootpage from sqlite_schema where type = 'table' and name = 'packstone'";
         let root: i64 = query(root).scalar(&mut *connection).await?;
@@ -86,7 +95,7 @@ impl Mark {
             was_found: AtomicBool::default(),
         };
         let run = Run { id, commits: Arc::new(AtomicI64::new(commits)), page };
-        Ok(Self { text, run: Some(Arc::new(run)) })
+        Ok(Self { text, reached, run: Some(Arc::new(run)) })
     }
 
     /// Makes sure that a connection reaches the same database, in no earlier state.
@@ -94,6 +103,9 @@ impl Mark {
     /// # Errors
     /// The database's, or it is another one.
     pub(super) async fn check(&self, connection: &mut Connection) -> Result<(), sqlx::Error> {
+        if let Connection::Postgres(connection) = connection {
+            return self.check_postgres(connection).await;
+        }
         let committed = self.run.as_ref().map(|run| (run, run.commits.load(Ordering::Acquire)));
         self.compare(query(MARK).scalar(&mut *connection).await)?;
         let Some((run, committed)) = committed else { return Ok(()) };
@@ -113,7 +125,18 @@ impl Mark {
         &self,
         connection: &mut sqlx::PgConnection,
     ) -> Result<(), sqlx::Error> {
-        self.compare(query(MARK).scalar(Via::Postgres(connection)).await)
+        let before = self.reached.load(Ordering::Acquire);
+        self.compare(query(MARK).scalar(Via::Postgres(&mut *connection)).await)?;
+        let reached: i64 = match query(REACHED).scalar(Via::Postgres(connection)).await {
+            // A service that speaks as PostgreSQL does may have no such log.
+            Err(sqlx::Error::Database(_)) => return Ok(()),
+            reached => reached?,
+        };
+        if reached < before {
+            return Err(other_database());
+        }
+        self.reached.fetch_max(reached, Ordering::AcqRel);
+        Ok(())
     }
 
     /// Counts a transaction that has begun to write, and makes sure that it follows all that were committed.
