@@ -334,8 +334,19 @@ async fn the_command_blends_tables_and_requests() {
     let named = packstone(here, &["mix", "blend", "two.csv", "--target", "BS 882 all-in 20 mm"]).await;
     assert!(named.code == Some(0) && named.stdout.contains("most %"), "{named:?}");
 
+    // Limits among the tables are what is met, and no stockpile.
+    let limits = packstone(here, &["mix", "blend", "two.csv", "band.csv"]).await;
+    assert!(limits.code == Some(0) && limits.stdout.contains("least %"), "{limits:?}");
+    assert!(!limits.stdout.contains("middle"), "{limits:?}");
+    let sheets = tables_of_tests().join("g84-two-sheets.xlsx");
+    let sheets = packstone(here, &["mix", "blend", sheets.to_str().unwrap(), "--target", "A16"]).await;
+    assert!(sheets.code == Some(0) && sheets.stdout.contains("Sand"), "{sheets:?}");
+    let twice = packstone(here, &["mix", "blend", "sand.csv", "sand.csv", "--target", "A16"]).await;
+    assert!(twice.code == Some(0) && twice.stdout.contains("sand (2)"), "{twice:?}");
+
     for (arguments, words) in [
         (&["two.csv"][..], "name what the blend is to meet by --target"),
+        (&["band.csv", "--target", "A16"], "no curve of a stockpile"),
         (&["two.csv", "--target", "A17"], "is no file and no grading of a standard"),
         (&["blend.json", "two.csv"], "leave other files and --target out"),
         (&["none.csv", "--target", "A16"], "none.csv"),
@@ -343,4 +354,8 @@ async fn the_command_blends_tables_and_requests() {
         let ended = packstone(here, &[&["mix", "blend"][..], arguments].concat()).await;
         assert!(ended.code == Some(3) && ended.stderr.contains(words), "{words}: {ended:?}");
     }
+}
+
+fn tables_of_tests() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/mixes")
 }

@@ -13,7 +13,7 @@ const MIDDLE: f64 = 1.0e-6;
 /// Rounding of a derivative, over the largest entry of the matrix.
 const ROUNDING: f64 = 1.0e-14;
 /// Most Newton steps: each ends in another piece.
-const MOST_STEPS: usize = 200;
+const MOST_STEPS: usize = 5000;
 /// Halvings of the interval in which a search along a step ends.
 const HALVINGS: usize = 60;
 

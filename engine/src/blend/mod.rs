@@ -16,8 +16,8 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::elementary::ln;
-use crate::mix::{GradingFigures, curve, figures, passing};
-use crate::request::{Aggregate, BlendRequest, Form, Grading, Mix, Stockpile, Target, mean_density_kg_m3};
+use crate::mix::{GradingFigures, Passing, curve, figures};
+use crate::request::{Aggregate, BlendRequest, Form, Grading, Mix, Stockpile, Target};
 use least_squares::{Limits, shares};
 
 /// Sieves at which a curve without points is to be met, in mm (ISO 565, R20/3 and those of concrete laboratories).
@@ -93,7 +93,10 @@ impl Blend {
         let matrix: Vec<Vec<f64>> = request
             .aggregates
             .iter()
-            .map(|aggregate| limits.iter().map(|limit| passing(&aggregate.grading, limit.sieve_mm)).collect())
+            .map(|aggregate| {
+                let passing = Passing::of(&aggregate.grading);
+                limits.iter().map(|limit| passing.share(limit.sieve_mm)).collect()
+            })
             .collect();
         let shares = shares(&matrix, &limits);
         let sieves: Vec<BlendedSieve> = limits
@@ -120,7 +123,7 @@ impl Blend {
             largest_residual,
             root_mean_square_residual: (squares / sieves.len() as f64).sqrt(),
             curve: curve(&mix),
-            figures: figures(&mix, mean_density_kg_m3(&mix.aggregates)),
+            figures: figures(&mix),
             warnings: warnings(request, &shares, &sieves),
             request: json!({"mix": {"aggregates": mix.aggregates}}),
             sieves,
@@ -130,10 +133,14 @@ impl Blend {
 
 /// What is to pass each sieve.
 fn limits(request: &BlendRequest) -> Vec<Limits> {
+    let curve = match &request.target {
+        Target::Curve(grading) => Some(Passing::of(grading)),
+        Target::Band(_) => None,
+    };
     let at = |sieve_mm: f64| -> [f64; 2] {
-        match &request.target {
-            Target::Curve(grading) => [passing(grading, sieve_mm); 2],
-            Target::Band(points) => [1, 2].map(|limit| between(points, limit, sieve_mm)),
+        match (&request.target, &curve) {
+            (Target::Band(points), _) => [1, 2].map(|limit| between(points, limit, sieve_mm)),
+            (_, curve) => [curve.as_ref().map_or(0.0, |curve| curve.share(sieve_mm)); 2],
         }
     };
     let of_target: Vec<f64> = match &request.target {
@@ -156,7 +163,7 @@ fn sieves_of(grading: &Grading) -> Vec<f64> {
     }
     let (low, high) = form.range_mm();
     let upto = SIEVES_MM.iter().position(|&mm| mm >= high).map_or(SIEVES_MM.len(), |last| last + 1);
-    let from = SIEVES_MM[..upto].iter().rposition(|&mm| mm <= low).unwrap_or(0);
+    let from = SIEVES_MM[..upto].iter().rposition(|&mm| mm < low).unwrap_or(0);
     let mut sieves = SIEVES_MM[from..upto].to_vec();
     if sieves.last().is_none_or(|&last| last < high) {
         sieves.push(high);
@@ -164,7 +171,7 @@ fn sieves_of(grading: &Grading) -> Vec<f64> {
     sieves
 }
 
-/// A limit of a band at a sieve: linear in the logarithm of the diameter between its points, and level beyond them.
+/// A limit of a band at a sieve between its points: linear in the logarithm of the diameter.
 fn between(points: &[[f64; 3]], limit: usize, sieve_mm: f64) -> f64 {
     let next = points.partition_point(|point| point[0] < sieve_mm);
     let (Some(above), Some(below)) = (points.get(next), next.checked_sub(1).map(|below| &points[below]))
@@ -209,17 +216,35 @@ fn blended(aggregates: &[Stockpile], shares: &[f64]) -> Vec<BlendedAggregate> {
 fn warnings(request: &BlendRequest, shares: &[f64], sieves: &[BlendedSieve]) -> Vec<String> {
     let percent = |share: f64| (1000.0 * share).round() / 10.0;
     let mut warnings = Vec::new();
-    for (number, (aggregate, _)) in
-        request.aggregates.iter().zip(shares).enumerate().filter(|(_, (_, share))| **share == 0.0)
-    {
+    for (number, (aggregate, share)) in request.aggregates.iter().zip(shares).enumerate() {
         let name = aggregate.name.clone().unwrap_or_else(|| format!("number {}", number + 1));
-        warnings.push(format!("aggregate {name} has no share: the target is met best without it"));
+        warnings.extend(
+            aggregate
+                .grading
+                .completions(0.0, f64::INFINITY)
+                .iter()
+                .map(|words| format!("aggregate {name}: {words}")),
+        );
+        if let Form::Points { points, .. } = aggregate.grading.form()
+            && let [finest, passing] = points[0]
+            && passing > 0.0
+        {
+            warnings.push(format!(
+                "aggregate {name}: {} % of it passes its finest sieve, {finest} mm, of which the curve says no more: it \
+                 is taken as finer than all sieves",
+                percent(passing)
+            ));
+        }
+        if *share == 0.0 {
+            warnings.push(format!("aggregate {name} has no share: the target is met as well without it"));
+        }
     }
     let worst = sieves.iter().max_by(|a, b| a.residual.abs().total_cmp(&b.residual.abs()));
     if let Some(worst) = worst.filter(|sieve| sieve.residual.abs() > LARGE_RESIDUAL) {
+        let missing = if worst.residual > 0.0 { "coarser" } else { "finer" };
         warnings.push(format!(
-            "at {} mm {} % pass and {} % are asked for: no shares of these aggregates come nearer in all; one with \
-             grains of about this size would",
+            "at {} mm {} % pass and {} % are asked for: no shares of these aggregates come nearer in all; a {missing} \
+             one would",
             worst.sieve_mm,
             percent(worst.passing),
             percent(worst.passing - worst.residual),

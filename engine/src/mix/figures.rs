@@ -12,7 +12,7 @@ use super::class::{Class, Law};
 use super::packing_model::packing_density;
 use super::{GradedMix, classes_above, sizes_of_list};
 use crate::elementary::cbrt;
-use crate::request::{Form, Grading, Mix, PackingModel, mean_density_kg_m3};
+use crate::request::{Form, Grading, Mix, PackingModel};
 use crate::sorting;
 
 /// Sieve that fines pass, in mm (EN 12620).
@@ -138,27 +138,58 @@ fn sum(classes: &[Class]) -> f64 {
     classes.iter().map(|class| class.mass_fraction).sum()
 }
 
-/// Share of the mass of a grading that passes a sieve in mm.
-pub fn passing(grading: &Grading, sieve_mm: f64) -> f64 {
-    match grading.form() {
-        Form::List(list) => {
-            let volume = |passes: &dyn Fn(f64) -> bool| -> f64 {
-                list.iter().filter(|&&d| passes(d)).map(|d| d.powi(3)).sum()
-            };
-            volume(&|d| d <= sieve_mm) / volume(&|_| true)
+/// What passes sieves of a grading.
+pub(crate) struct Passing<'a> {
+    form: Form<'a>,
+    /// The narrow classes of a law of sizes, from fine to coarse, each with the share of the mass that is coarser than
+    /// all of it.
+    narrow: Vec<(Class, f64)>,
+}
+
+impl<'a> Passing<'a> {
+    /// Prepares a grading.
+    pub(crate) fn of(grading: &'a Grading) -> Self {
+        let form = grading.form();
+        let mut narrow = Vec::new();
+        if matches!(form, Form::Distribution(_)) {
+            let mut coarser = 0.0;
+            for class in classes_above(&form, 0.0).iter().flat_map(Class::narrow).rev() {
+                narrow.push((class, coarser));
+                coarser += class.mass_fraction;
+            }
+            narrow.reverse();
         }
-        form => (1.0 - sum(&coarser_than(&form, sieve_mm))).clamp(0.0, 1.0),
+        Self { form, narrow }
+    }
+
+    /// Share of the mass that passes a sieve in mm.
+    pub(crate) fn share(&self, sieve_mm: f64) -> f64 {
+        let coarser = match &self.form {
+            Form::List(list) => {
+                let volume = |stays: &dyn Fn(f64) -> bool| -> f64 {
+                    list.iter().filter(|&&d| stays(d)).map(|d| d.powi(3)).sum()
+                };
+                volume(&|d| d > sieve_mm) / volume(&|_| true)
+            }
+            Form::Distribution(_) => {
+                let first = self.narrow.partition_point(|(class, _)| class.high_mm <= sieve_mm);
+                self.narrow.get(first).map_or(0.0, |(class, coarser)| {
+                    coarser + class.above(sieve_mm).map_or(0.0, |class| class.mass_fraction)
+                })
+            }
+            form => sum(&coarser_than(form, sieve_mm)),
+        };
+        (1.0 - coarser).clamp(0.0, 1.0)
     }
 }
 
-/// Share of the volume of all aggregate of a mix that stays on a sieve in mm.
-fn retained(mix: &Mix, sieve_mm: f64) -> f64 {
-    mix.parts().iter().map(|part| part.share * (1.0 - passing(part.grading, sieve_mm))).sum()
-}
-
 /// The figures of all aggregate of a mix, of which no grain is placed; `None` where all of it is fines.
-pub fn figures(mix: &Mix, density_kg_m3: Option<f64>) -> Option<GradingFigures> {
-    let modulus = |sieves: &[f64]| sieves.iter().map(|&mm| retained(mix, mm)).sum::<f64>();
+pub fn figures(mix: &Mix) -> Option<GradingFigures> {
+    let parts: Vec<(f64, Passing<'_>)> =
+        mix.parts().iter().map(|part| (part.share, Passing::of(part.grading))).collect();
+    let retained =
+        |mm: f64| parts.iter().map(|(share, passing)| share * (1.0 - passing.share(mm))).sum::<f64>();
+    let modulus = |sieves: &[f64]| sieves.iter().map(|&mm| retained(mm)).sum::<f64>();
     let sizes = Sizes::above(mix, FINES_MM);
     let counted = sum(&sizes.classes);
     let packing_density = sizes.packing_density(mix.packing_model)?;
@@ -173,7 +204,7 @@ pub fn figures(mix: &Mix, density_kg_m3: Option<f64>) -> Option<GradingFigures> 
         fineness_modulus_en_12620: modulus(&EN_12620_MM),
         k_value: modulus(&DIN_1045_MM),
         specific_surface_m2_m3: surface_m2_m3,
-        specific_surface_m2_kg: density_kg_m3.map(|density| surface_m2_m3 / density),
+        specific_surface_m2_kg: density_kg_m3(mix, &parts).map(|density| surface_m2_m3 / density),
         packing_model: mix.packing_model,
         packing_density,
         packing_density_placed: None,
@@ -181,10 +212,20 @@ pub fn figures(mix: &Mix, density_kg_m3: Option<f64>) -> Option<GradingFigures> 
     })
 }
 
+/// Mean density of the aggregate that is coarser than fines; `None` unless every aggregate has one.
+fn density_kg_m3(mix: &Mix, parts: &[(f64, Passing<'_>)]) -> Option<f64> {
+    let (mut mass, mut volume) = (0.0, 0.0);
+    for (aggregate, (share, passing)) in mix.aggregates.iter().zip(parts) {
+        let coarser = share * (1.0 - passing.share(FINES_MM));
+        mass += coarser * aggregate.density_kg_m3?;
+        volume += coarser;
+    }
+    (volume > 0.0).then(|| mass / volume)
+}
+
 /// The figures of a mix in a specimen.
 pub(crate) fn figures_in_specimen(mix: &Mix, graded: &GradedMix, has_amount: bool) -> Option<GradingFigures> {
-    let density_kg_m3 = mean_density_kg_m3(&mix.aggregates);
-    let figures = figures(mix, density_kg_m3)?;
+    let figures = figures(mix)?;
     let placed = match &graded.list {
         Some(list) => Sizes { classes: listed(list), finer: 0.0 },
         None => Sizes { classes: graded.sieve_classes.clone(), finer: 0.0 },

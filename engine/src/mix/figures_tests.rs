@@ -11,7 +11,7 @@ fn mix(mix: &serde_json::Value) -> Mix {
 }
 
 fn of_grading(grading: &serde_json::Value) -> GradingFigures {
-    figures(&mix(&json!({"grading": grading, "volume_fraction": 0.4, "d_min_mm": 4})), None).unwrap()
+    figures(&mix(&json!({"grading": grading, "volume_fraction": 0.4, "d_min_mm": 4}))).unwrap()
 }
 
 /// k-values of the curves of DIN 1045-2 as <https://betontechnische-daten.de> prints them.
@@ -40,7 +40,7 @@ fn a_fineness_modulus_is_a_sum_of_residues() {
         [[0.075, 0.0], [0.15, 10.0], [0.3, 30.0], [0.6, 50.0], [1.18, 74.0], [2.36, 96.0], [4.75, 100.0]];
     let sand =
         json!({"grading": {"type": "sieves", "points": points}, "volume_fraction": 0.4, "d_min_mm": 1});
-    let found = figures(&mix(&sand), None).unwrap();
+    let found = figures(&mix(&sand)).unwrap();
     assert!((found.fineness_modulus - 2.40).abs() < 1.0e-12, "{found:?}");
     assert_eq!(found.fines, 0.0);
 }
@@ -64,7 +64,7 @@ fn the_surface_of_spheres_has_its_closed_forms() {
 #[test]
 fn a_list_has_the_figures_of_its_volumes() {
     let list = json!({"grading": {"type": "diameters", "diameters_mm": [8, 8, 2]}});
-    let found = figures(&mix(&list), None).unwrap();
+    let found = figures(&mix(&list)).unwrap();
     let expected = 6000.0 * (2.0 * 64.0 + 4.0) / (2.0 * 512.0 + 8.0);
     assert!((found.specific_surface_m2_m3 / expected - 1.0).abs() < 1.0e-9, "{found:?}");
     // On 0.15 to 1.18 mm all stays, on 2.36 and 4.75 mm the large ones.
@@ -101,14 +101,46 @@ fn paste_fills_the_voids_first() {
 fn fines_have_no_figures() {
     let dust = json!({"grading": {"type": "monodisperse", "diameter_mm": 0.05}, "volume_fraction": 0.4});
     let request = json!({"specimen": {"type": "box", "size_mm": [1, 1, 1]}, "mix": dust});
-    assert_eq!(figures(&PackingRequest::from_json(&request, 1).unwrap().mix, None), None);
+    assert_eq!(figures(&PackingRequest::from_json(&request, 1).unwrap().mix), None);
 }
 
 #[test]
 fn the_parameters_of_the_packing_model_are_those_of_the_request() {
     let grading = json!({"type": "monodisperse", "diameter_mm": 8});
     let model = json!({"compaction_index": 4.0, "residual_packing_density": 0.6});
-    let found =
-        figures(&mix(&json!({"grading": grading, "volume_fraction": 0.4, "packing_model": model})), None);
+    let found = figures(&mix(&json!({"grading": grading, "volume_fraction": 0.4, "packing_model": model})));
     assert!((found.unwrap().packing_density - 0.6 * 0.8).abs() < 1.0e-12);
+}
+
+/// Filler of which half passes 0.063 mm, and stone: by the masses of what is coarser.
+#[test]
+fn the_surface_over_the_mass_is_that_of_the_coarser_rest() {
+    let filler = json!({"type": "sieves", "points": [[0.01, 0.0], [0.063, 0.5], [0.125, 1.0]]});
+    let stone = json!({"type": "sieves", "points": [[4, 0], [8, 1]]});
+    let found = figures(&mix(&json!({
+        "aggregates": [
+            {"share": 0.5, "density_kg_m3": 2000, "grading": filler},
+            {"share": 0.5, "density_kg_m3": 4000, "grading": stone},
+        ],
+        "volume_fraction": 0.3,
+        "d_min_mm": 4,
+    })))
+    .unwrap();
+    let density = (0.25 * 2000.0 + 0.5 * 4000.0) / 0.75;
+    let per_kg = found.specific_surface_m2_kg.unwrap();
+    assert!((per_kg * density / found.specific_surface_m2_m3 - 1.0).abs() < 1.0e-12, "{found:?}");
+}
+
+/// What passes by the classes that are made once, and by those of each sieve.
+#[test]
+fn what_passes_a_law_is_what_its_classes_hold() {
+    let law = json!({"type": "weibull", "scale_mm": 6, "shape": 1.1, "by": "number", "d_min_mm": 0.5, "d_max_mm": 40});
+    let mix = mix(&json!({"grading": law, "volume_fraction": 0.3, "d_min_mm": 4}));
+    let parts = mix.parts();
+    let passing = Passing::of(parts[0].grading);
+    for mm in [0.2, 0.5, 1.3, 8.0, 11.2, 39.0, 40.0, 63.0] {
+        let by_sieve = 1.0 - sum(&coarser_than(&parts[0].grading.form(), mm));
+        assert!((passing.share(mm) - by_sieve).abs() < 3.0e-4, "{mm}: {} {by_sieve}", passing.share(mm));
+    }
+    assert_eq!((passing.share(0.5), passing.share(40.0)), (0.0, 1.0));
 }

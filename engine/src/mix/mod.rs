@@ -24,8 +24,8 @@ use crate::sorting;
 use class::{Class, Law};
 pub use curve::curve;
 pub use deviation::MAX_DEVIATION;
-pub(crate) use figures::figures_in_specimen;
-pub use figures::{FINES_MM, GradingFigures, PasteFigures, figures, passing};
+pub use figures::{FINES_MM, GradingFigures, PasteFigures, figures};
+pub(crate) use figures::{Passing, figures_in_specimen};
 pub use orientation::{draw_orientation, uniform_orientation};
 pub use shapes::ShapeSampler;
 

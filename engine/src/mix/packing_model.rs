@@ -19,7 +19,9 @@ use std::collections::BTreeMap;
 use crate::elementary::{exp2, log2, powf};
 use crate::request::PackingModel;
 
-/// Sizes per octave that the model computes with.
+/// Most sizes that the model computes with one by one: its cost is that of all pairs.
+const MOST_SIZES: usize = 64;
+/// Sizes per octave where there are more.
 const SIZES_PER_OCTAVE: f64 = 6.0;
 /// Steps that halve the interval of the packing density.
 const HALVINGS: usize = 60;
@@ -55,8 +57,12 @@ pub(super) fn packing_density(sizes: &[(f64, f64)], model: PackingModel) -> Opti
     Some(low)
 }
 
-/// The sizes in a few steps of an octave each, with shares that sum to 1: within a step the mean of the logarithm.
+/// The sizes, of many those of a few steps of an octave each, with shares that sum to 1: within a step the mean of the logarithm.
 fn gathered(sizes: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let whole: f64 = sizes.iter().map(|size| size.1).sum();
+    if sizes.len() <= MOST_SIZES && whole > 0.0 {
+        return sizes.iter().filter(|size| size.1 > 0.0).map(|&(d, volume)| (d, volume / whole)).collect();
+    }
     let mut steps = BTreeMap::new();
     for &(d, volume) in sizes.iter().filter(|size| size.1 > 0.0) {
         let octave = log2(d);
@@ -117,6 +123,13 @@ mod tests {
         let index: f64 = (0..3).map(|i| y[i] / beta / (1.0 / phi - 1.0 / gamma[i])).sum();
         assert!((index - 9.0).abs() < 1.0e-6, "{index}");
         assert!(phi > 0.75 && phi < 0.85, "{phi}");
+    }
+
+    /// Two sizes that are nearly one: the model as it stands, without steps.
+    #[test]
+    fn close_sizes_are_told_apart() {
+        let dense = |ratio: f64| density(&[(8.0, 0.5), (8.0 * ratio, 0.5)], 9.0);
+        assert!(dense(1.1125) > 0.583 && dense(1.1125) < dense(1.2), "{} {}", dense(1.1125), dense(1.2));
     }
 
     #[test]

@@ -100,6 +100,19 @@ impl<'a> Case<'a> {
         self.to_jamming || matches!(self.request.distance, Distance::Maximize { .. })
     }
 
+    /// Of the grains that are at least half as large as the largest: their share of the volume, coating included, and
+    /// the surface of the walls over the volume times their mean diameter (the third moment over the second).
+    pub(super) fn largest(&self) -> (f64, f64) {
+        let sizes = self.mix.expected_sizes();
+        let most = sizes.iter().map(|(d, _)| *d).fold(0.0, f64::max);
+        let moment = |least: f64, power: i32| -> f64 {
+            sizes.iter().filter(|(d, _)| *d >= least).map(|(d, number)| number * d.powi(power)).sum()
+        };
+        let cube = moment(0.5 * most, 3);
+        let mean = cube / moment(0.5 * most, 2);
+        (cube / moment(0.0, 3), walls_per_mm(&self.request.specimen) * mean)
+    }
+
     pub(super) fn methods(&self) -> MethodEstimates {
         let (attempts, options) = match self.request.method {
             Method::Rsa { attempts_per_grain } => (attempts_per_grain, EdmdOptions::default()),

@@ -294,10 +294,10 @@ impl Plan {
         let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
         let mut proposal = case.proposal(&case.of_request(&self.methods));
         if densest.is_none() {
-            let fits = |request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule| {
-                check_largest(request, mix, rule).is_ok()
+            let admits = |case: &Case<'_>, rule: &DistanceRule| {
+                check_largest(case.request, case.mix, rule).is_ok() && check_feasible(case).is_ok()
             };
-            proposal.specimen = smallest::specimen(request, &mix, case.filled, fits);
+            proposal.specimen = smallest::specimen(request, &mix, admits);
         }
         self.proposal = Some(proposal);
         self.figures = figures_in_specimen(&request.mix, &mix, densest.is_none());

@@ -136,6 +136,11 @@ impl Features {
         self.random_close
     }
 
+    /// Surface of the walls over the volume, times the ratio of the third to the second moment of the diameters.
+    pub(crate) fn walls(&self) -> f64 {
+        self.walls
+    }
+
     /// Standard deviation of ln(d) by volume.
     pub(crate) fn spread(&self) -> f64 {
         self.spread
@@ -283,7 +288,7 @@ fn beyond_cache(grains: f64, exponent: f64) -> f64 {
 }
 
 /// The largest value for which `holds`, which holds below it.
-pub(crate) fn bisect(from: f64, to: f64, mut holds: impl FnMut(f64) -> bool) -> f64 {
+pub(crate) fn bisect(from: f64, to: f64, holds: impl Fn(f64) -> bool) -> f64 {
     let (mut low, mut high) = (from, to);
     for _ in 0..30 {
         let middle = 0.5 * (low + high);

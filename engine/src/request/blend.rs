@@ -9,6 +9,7 @@ use super::packing_model::PackingModel;
 use super::proportions::DENSITY;
 #[cfg(feature = "openapi")]
 use super::schema;
+use super::sieves::complete_below;
 use super::standard::{self, Standard};
 use super::{FieldError, Grading, MAX_AGGREGATES, MAX_CURVE_POINTS};
 use crate::sorting;
@@ -94,7 +95,7 @@ impl BlendRequest {
         let aggregates = object.required("aggregates").and_then(|at| read_stockpiles(&at));
         let target = object.required("target").and_then(|at| read_target(&at));
         let sieves_mm = match object.optional("sieves_mm") {
-            Some(at) => read_sieves(&at),
+            Some(at) => read_sieves(&at, target.as_ref()),
             None => Some(Vec::new()),
         };
         let packing_model = PackingModel::read_field(object);
@@ -140,7 +141,18 @@ fn read_stockpile(at: &At<'_>) -> Option<Stockpile> {
         None => Some(None),
     };
     object.finish();
-    Some(Stockpile { name: name?, grading: grading?, density_kg_m3: density_kg_m3? })
+    let mut grading = grading?;
+    complete(&mut grading);
+    Some(Stockpile { name: name?, grading, density_kg_m3: density_kg_m3? })
+}
+
+/// Adds the sieve below a curve that ends a sieve early, as a job with a fine cut-off does.
+fn complete(grading: &mut Grading) {
+    if let Grading::Sieves { points, completed_mm, .. } = grading
+        && points[0][1] > 0.0
+    {
+        complete_below(points, completed_mm);
+    }
 }
 
 /// A grading that is a curve.
@@ -155,7 +167,9 @@ fn read_curve(at: &At<'_>) -> Option<Grading> {
 
 fn read_target(at: &At<'_>) -> Option<Target> {
     if at.value().get("type").is_none_or(|name| name != "band") {
-        return read_curve(at).map(Target::Curve);
+        let mut curve = read_curve(at)?;
+        complete(&mut curve);
+        return Some(Target::Curve(curve));
     }
     let mut object = at.object()?;
     object.required("type");
@@ -223,13 +237,34 @@ fn read_band(at: &At<'_>) -> Option<Target> {
         }
     }
     let is_percent = rows.iter().any(|([_, _, high], _)| *high > 1.0);
+    if is_percent {
+        // What a reader sees who takes the values up to 1 for fractions.
+        let mixed = |value: f64| if value > 1.0 { value } else { 100.0 * value };
+        let limit = |row: &([f64; 3], usize), limit: usize| mixed(row.0[limit]);
+        let has_fractions = rows.iter().any(|(row, _)| row[1..].iter().any(|&p| p > 0.0 && p < 1.0));
+        let rises = |of: usize| rows.windows(2).all(|pair| limit(&pair[0], of) <= limit(&pair[1], of));
+        if has_fractions && rises(1) && rises(2) && rows.iter().all(|row| limit(row, 1) <= limit(row, 2)) {
+            at.fault("has values up to 1 that can be fractions or percents: must be all fractions (0 to 1) or all percents");
+            return None;
+        }
+    }
     let scale = if is_percent { 0.01 } else { 1.0 };
     Some(Target::Band(rows.into_iter().map(|([mm, low, high], _)| [mm, scale * low, scale * high]).collect()))
 }
 
-fn read_sieves(at: &At<'_>) -> Option<Vec<f64>> {
+fn read_sieves(at: &At<'_>, target: Option<&Target>) -> Option<Vec<f64>> {
     let items = bounded(at, "sieves", MAX_CURVE_POINTS)?;
     let mut sieves = all(items.iter().map(|item| item.number(LENGTH)))?;
+    if let Some(Target::Band(points)) = target {
+        let (from, to) = (points[0][0], points[points.len() - 1][0]);
+        if let Some(row) = sieves.iter().position(|mm| !(from..=to).contains(mm)) {
+            items.at(row).fault(format!(
+                "{} is out of range: the band has limits from {from} to {to} mm",
+                sieves[row]
+            ));
+            return None;
+        }
+    }
     sorting::ascending(&mut sieves);
     sieves.dedup();
     Some(sieves)

@@ -37,6 +37,12 @@ fn faults_name_the_field_and_what_to_change() {
         of_target(json!({"type": "diameters", "diameters_mm": [1, 2]})),
         ["/target/type: \"diameters\" lists the grains of one packing: must be a curve or a law"]
     );
+    assert!(
+        of_target(json!({"type": "band", "points": [[1, 0.2, 0.3], [4, 40, 60]]}))[0]
+            .contains("fractions or percents")
+    );
+    let outside = json!({"aggregates": [pile], "sieves_mm": [2, 8], "target": {"type": "band", "points": [[1, 0, 1], [4, 1, 1]]}});
+    assert_eq!(faults(&outside), ["/sieves_mm/1: 8 is out of range: the band has limits from 1 to 4 mm"]);
     let piles = json!([
         {"name": "a", "density_kg_m3": 2600, "grading": pile["grading"]},
         {"name": "a", "grading": pile["grading"]},
@@ -51,10 +57,10 @@ fn faults_name_the_field_and_what_to_change() {
 fn limits_are_read_in_percent_and_in_any_order() {
     let request = json!({
         "aggregates": {"grading": {"type": "monodisperse", "diameter_mm": 8}},
-        "target": {"type": "band", "points": [[8, 60, 100], [2, 0, 0.5]]},
+        "target": {"type": "band", "points": [[8, 60, 100], [2, 0, 5]]},
         "packing_model": {"compaction_index": 6.7},
     });
     let read = BlendRequest::from_json(&request).unwrap();
-    assert_eq!(read.target, Target::Band(vec![[2.0, 0.0, 0.005], [8.0, 0.6, 1.0]]));
+    assert_eq!(read.target, Target::Band(vec![[2.0, 0.0, 0.05], [8.0, 0.6, 1.0]]));
     assert_eq!(read.packing_model, PackingModel { compaction_index: 6.7, residual_packing_density: 0.64 });
 }

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use packstone_engine::blend::Blend;
-use packstone_engine::importer::{self, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Verdict};
+use packstone_engine::importer::{self, Level, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Verdict};
 use packstone_engine::request::BlendRequest;
+use packstone_engine::request::aggregate::MAX_AGGREGATE_NAME;
 use packstone_engine::request::standard::GRADINGS;
 use serde_json::{Value, json};
 
@@ -58,7 +59,8 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 fn request(options: &Options) -> Result<(Value, &Path), Failure> {
     let first = &options.files[0];
     let bytes = read(first)?;
-    if bytes.trim_ascii_start().starts_with(b"{") {
+    let without_mark = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    if without_mark.trim_ascii_start().starts_with(b"{") {
         if options.files.len() > 1 || options.target.is_some() {
             let text = format!("{} is a whole request: leave other files and --target out", first.display());
             return Err(Exit::BadInput.because(text));
@@ -78,6 +80,16 @@ fn request(options: &Options) -> Result<(Value, &Path), Failure> {
             let name = curve.name.unwrap_or_else(|| {
                 if several { format!("{stem} {}", number + 1) } else { stem.into_owned() }
             });
+            let name: String = name.chars().take(MAX_AGGREGATE_NAME - 4).collect();
+            let known = aggregates.iter().filter(|one: &&Value| {
+                one["name"]
+                    .as_str()
+                    .is_some_and(|known| known == name || known.starts_with(&format!("{name} (")))
+            });
+            let name = match known.count() {
+                0 => name,
+                count => format!("{name} ({})", count + 1),
+            };
             aggregates.push(json!({"name": name, "grading": grading(&curve.points)}));
         }
         bands.extend(found.bands);
@@ -85,14 +97,17 @@ fn request(options: &Options) -> Result<(Value, &Path), Failure> {
     let target = match (&options.target, bands.as_slice()) {
         (Some(target), _) => named(target)?,
         (None, [band]) => json!({"type": "band", "points": band.points}),
-        (None, _) => {
+        (None, bands) => {
+            let what = if bands.is_empty() { "no limits" } else { "several limits" };
             let text = format!(
-                "the tables have {} bands: name what the blend is to meet by --target, as --target A16",
-                bands.len()
+                "the tables have {what}: name what the blend is to meet by --target, as --target A16 or --target band.csv"
             );
             return Err(Exit::BadInput.because(text));
         }
     };
+    if aggregates.is_empty() {
+        return Err(Exit::BadInput.because("the tables have limits alone, and no curve of a stockpile"));
+    }
     Ok((json!({"aggregates": aggregates, "target": target}), first))
 }
 
@@ -109,29 +124,30 @@ fn read(file: &Path) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// The curves and limits of a table. Several curves in columns of their own are no choice here: all are taken.
+/// The curves and limits of a table. Several curves in columns or sheets of their own are no choice here: all are
+/// taken. Limits alone are no curves.
 fn curves(file: &Path, bytes: &[u8]) -> Result<MixReading, Failure> {
-    let mut reading = importer::read(bytes, &ReadOptions::default());
-    if reading.verdict == Verdict::Ask {
-        let of_candidates: Option<Vec<_>> =
-            reading.candidates.iter().map(|candidate| candidate.curve.clone()).collect();
-        let curves = of_candidates.unwrap_or_default();
-        let mut columns: Vec<&str> = curves.iter().map(|curve| curve.column.as_str()).collect();
-        columns.sort_unstable();
-        columns.dedup();
-        if columns.len() == curves.len() && curves.len() > 1 {
-            reading.curves = curves;
-            return Ok(reading);
-        }
-    }
-    let has_one = matches!(reading.verdict, Verdict::Ok | Verdict::Warn);
-    if has_one && !(reading.curves.is_empty() && reading.bands.is_empty()) {
+    let reading = importer::read(bytes, &ReadOptions::default());
+    let mut places: Vec<_> = reading.curves.iter().map(|curve| (&curve.name, &curve.column)).collect();
+    places.sort_unstable();
+    places.dedup();
+    let are_apart = places.len() == reading.curves.len();
+    let has_any = !(reading.curves.is_empty() && reading.bands.is_empty());
+    let is_alone = matches!(reading.verdict, Verdict::Ok | Verdict::Warn)
+        || reading.curves.len() != 1
+        || reading.candidates.len() == 1;
+    if reading.verdict != Verdict::Refuse && are_apart && has_any && is_alone {
         return Ok(reading);
     }
+    let file = file.display();
+    let faults = reading.notes.iter().filter(|note| note.level == Level::Fault).map(text::of_note);
+    let labels = reading.candidates.iter().map(|candidate| candidate.label.clone());
+    let found: Vec<String> = faults.chain(labels).collect();
+    let what = if reading.verdict == Verdict::Refuse { "is refused" } else { "has several readings" };
     Err(Exit::BadInput.because(format_args!(
-        "{} has no curve that can be taken as it is: `packstone mix read {}` shows what was understood",
-        file.display(),
-        file.display()
+        "{file} {what}:\n  {}\nkeep the curve that is meant in a file of its own, or give the blend as JSON; `packstone \
+         mix read {file}` shows what was understood",
+        found.join("\n  ")
     )))
 }
 
@@ -150,7 +166,7 @@ fn named(target: &Path) -> Result<Value, Failure> {
     if !target.exists() {
         let text = format!(
             "--target {name}: is no file and no grading of a standard: must be one of both, as A16 or \"ASTM C33 57\" \
-             (GET /v1/capabilities and docs/mixes.md list them)"
+             (docs/mixes.md lists them)"
         );
         return Err(Exit::BadInput.because(text));
     }
