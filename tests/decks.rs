@@ -197,6 +197,14 @@ async fn a_solver_that_hangs_is_stopped_with_what_it_started() {
     assert_eq!(late.code, Some(4), "{late:?}");
     assert!(late.stderr.contains("--ccx-timeout-s gives it more"), "{late:?}");
     eventually("its child to end", is_gone).await;
+    fs::remove_file(&pid).unwrap();
+    // A command that is killed stops it, too.
+    let running = Running::start(folder, &args).await;
+    eventually("the program to start", || pid.exists()).await;
+    assert!(!is_gone());
+    running.signal(Signal::KILL);
+    running.ended().await;
+    eventually("its child to end", is_gone).await;
 }
 
 #[tokio::test]

@@ -5,10 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
+use crate::harness::deadline::eventually;
 use crate::harness::results::json_in as read;
-use crate::harness::{DataDir, Launch, id_of, machine, packstone, run};
+use crate::harness::{DataDir, Launch, Running, id_of, machine, packstone, run};
 
 const CHECK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/tetrahedra.py");
 /// The exports that `CHECK` reads: as the command line takes and names them, and their names for it.
@@ -213,6 +215,58 @@ async fn the_command_line_names_the_cause_and_leaves_no_file() {
     assert_eq!(ended.code, Some(3), "{ended:?}");
     assert!(ended.stderr.contains("apt install gmsh") && ended.stderr.contains("no-gmsh"), "{ended:?}");
     assert!(!folder.join("none").join("result.json").exists());
+}
+
+#[tokio::test]
+async fn a_gmsh_is_named_by_a_path_that_is_relative() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    fs::write(folder.join("job.json"), job().to_string()).unwrap();
+    fs::create_dir(folder.join("bin")).unwrap();
+    fake(&folder.join("bin"), "echo 'Error   : found' >&2; exit 1");
+    for named in ["bin/fake-gmsh", "./bin/fake-gmsh"] {
+        let args = ["run", "job.json", "--export", "mesh:format=inp,segments=8", "--fresh", "--gmsh", named];
+        let ended = packstone(folder, &args).await;
+        assert_eq!(ended.code, Some(6), "{ended:?}");
+        assert!(ended.stderr.contains("Gmsh failed (exit code 1) while starting Gmsh: found"), "{ended:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_gmsh_ends_with_a_command_or_a_worker_that_is_killed() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let pid = folder.join("pid");
+    let started = format!("echo $! > {0}.new; mv {0}.new {0}; wait", pid.display());
+    // A process of the program, which its parent alone would not end.
+    let hang = fake(folder, &format!("sleep 1000 & {started}"));
+    let ends_with = async |running: Running| {
+        eventually("Gmsh to start", || pid.exists()).await;
+        let number = fs::read_to_string(&pid).unwrap();
+        // A process that nobody has waited for yet is dead all the same.
+        let is_gone = || {
+            let status = fs::read_to_string(format!("/proc/{}/status", number.trim()));
+            status.map_or(true, |status| status.contains("State:\tZ"))
+        };
+        assert!(!is_gone());
+        running.signal(Signal::KILL);
+        running.ended().await;
+        eventually("Gmsh to end", is_gone).await;
+        fs::remove_file(&pid).unwrap();
+    };
+    fs::write(folder.join("job.json"), job().to_string()).unwrap();
+    let args = ["run", "job.json", "--export", "mesh:format=inp,segments=8", "--gmsh", &hang];
+    ends_with(Running::start(folder, &args).await).await;
+
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(0).args(&["--gmsh", &hang]).start().await;
+    let mut with_export = job();
+    with_export["postprocess"] = json!([{"type": "mesh", "format": "inp", "segments": 8}]);
+    server.client().post("/v1/jobs").json(&with_export).send().await.expect(201);
+    let url = format!("http://{}", server.address());
+    let args = ["worker", "--server", &url, "--slots", "1", "--gmsh", &hang];
+    ends_with(Running::start(folder, &args).await).await;
+    server.stop().await;
 }
 
 #[tokio::test]

@@ -226,3 +226,27 @@ async fn a_run_goes_on_with_other_materials() {
     let result: Value = serde_json::from_slice(&fs::read(out.join("result.json")).unwrap()).unwrap();
     assert_eq!(result["request"]["materials"], json!({"matrix": {"youngs_modulus_gpa": 30.0}}));
 }
+
+/// Voxels are written row by row: where a command writes them, the disk limits their file; in a service, its operator.
+#[tokio::test]
+async fn a_long_file_of_voxels_is_a_matter_of_the_disk() {
+    let directory = tempfile::tempdir().unwrap();
+    let folder = directory.path();
+    let mut cube = job();
+    cube["specimen"]["size_mm"] = json!([30, 30, 30]);
+    fs::write(folder.join("job.json"), cube.to_string()).unwrap();
+    let planned = packstone(folder, &["plan", "job.json", "voxels:for=damask,cells=1000"]).await;
+    assert_eq!(planned.code, Some(0), "{planned:?}");
+    let plan: Value = serde_json::from_str(&planned.stdout).unwrap();
+    // 8 bytes each, of which base64 makes four of three.
+    let bytes = plan["exports"][0]["estimate"]["bytes"].as_f64().unwrap();
+    assert!((bytes / (1e9 * 8.0 * 4.0 / 3.0) - 1.0).abs() < 1e-6, "{plan:#}");
+
+    let data_dir = DataDir::new();
+    let server = Server::start(&data_dir).await;
+    cube["postprocess"] = json!({"type": "voxels", "for": "damask", "cells": 1000});
+    let refused = server.client().post("/v1/jobs").json(&cube).send().await;
+    let problem = refused.expect_problem(422, "too-large");
+    assert!(problem.to_string().contains("voxels are a file of 10667 MB: at most "), "{problem:#}");
+    server.stop().await;
+}

@@ -43,6 +43,13 @@ export function downloadPart(job) {
   );
 }
 
+/** The value of an option, which has spaces to be broken at. @param {any} value @returns {string} */
+function inWords(value) {
+  if (typeof value !== "object") return String(value);
+  const parts = Object.entries(value).map(([name, part]) => `${name} ${inWords(part)}`);
+  return `(${parts.join(", ")})`;
+}
+
 export class ExportPart {
   /**
    * @param {any} job
@@ -247,7 +254,7 @@ export class ExportPart {
     const { type, format, ...options } = item.options;
     const given = Object.entries(options)
       .filter(([, v]) => v !== null)
-      .map(([k, v]) => `${k} ${typeof v === "object" ? JSON.stringify(v) : v}`);
+      .map(([k, v]) => `${k} ${inWords(v)}`);
     const remove = async () => {
       const running = item.state === "queued" || item.state === "running";
       const words = "It can be made again from the result.";

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,29 @@ def test_voxels_are_written_for_a_program(job: packstone.Job, tmp_path: Path) ->
         materials["aggregate"] = {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2}
         packing.export("voxels", tmp_path / "a.zip", for_="fans", cells=12, materials=materials)
     assert job.export("voxels", for_="damask", cells=12).wait(60).format == "vti"
+
+
+def test_properties_decks_and_tetrahedra_are_made_here_and_there(job: packstone.Job, tmp_path: Path) -> None:
+    materials = {
+        "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2},
+        "aggregate": {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2},
+    }
+    here, there = packstone.pack(mixes.quick()), job.result()
+    with pytest.raises(packstone.PackstoneError, match='"youngs_modulus_gpa": 25'):
+        here.export("properties", tmp_path / "none.json", cells=12)
+    moduli = []
+    for place, packing in [("here", here), ("there", there)]:
+        report = packing.export("properties", tmp_path / f"{place}.json", cells=12, materials=materials)
+        assert report["stiffness"] == json.loads((tmp_path / f"{place}.json").read_text())["stiffness"]
+        moduli.append(report["stiffness"]["isotropic"]["youngs_modulus_gpa"])
+        report = packing.export("deck", tmp_path / f"{place}.zip", cells=12, load="shear_xy", materials=materials)
+        assert (report["load"], report["elements"]) == ("shear_xy", "voxels")
+        if shutil.which("gmsh") is not None:
+            # Both are on this machine, and find the same Gmsh.
+            report = packing.export("mesh", tmp_path / f"{place}.inp", format="inp", segments=8, order=2)
+            assert report["tetrahedra"]["mesher"].startswith("Gmsh 4.")
+            assert "*ELEMENT, TYPE=C3D10" in (tmp_path / f"{place}.inp").read_text()
+    assert moduli[0] == moduli[1] and 25 < moduli[0] < 70
 
 
 def test_a_result_is_saved_as_an_export(job: packstone.Job, tmp_path: Path) -> None:

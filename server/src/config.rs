@@ -273,6 +273,7 @@ impl ServeOptions {
             max_grains: self.max_grains,
             max_memory_bytes,
             max_model_bytes,
+            max_voxel_file_bytes: max_model_bytes,
             threads: NonZeroUsize::MIN,
             export_threads,
         }
@@ -352,13 +353,14 @@ pub(crate) fn default_memory_bytes(workers: usize) -> u64 {
     }
 }
 
-/// The limits of one packing that has the machine to itself.
+/// The limits of one packing that has the machine to itself; the disk limits its files of voxels.
 pub(crate) fn limits_of_one_packing(max_grains: u64) -> Limits {
     let max_memory_bytes = default_memory_bytes(1);
     Limits {
         max_grains,
         max_memory_bytes,
         max_model_bytes: max_memory_bytes,
+        max_voxel_file_bytes: u64::MAX,
         threads: cores(),
         export_threads: cores(),
     }

@@ -1,16 +1,17 @@
 //! Programs of others, such as CalculiX and Gmsh: run in a process of their own with limits, watched, and stopped.
 //!
 //! The process leads a group, so that a stop reaches what it starts itself; an interrupt at the terminal reaches it
-//! through this process alone. Its output goes to a file, from which progress and faults are read.
+//! through this process alone. Its output goes to a file, from which progress and faults are read. Where this process
+//! is killed, the group is killed too.
 
 use std::env;
 use std::ffi::OsStr;
 use std::fs::{self, File};
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -23,6 +24,10 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 const MOST_READ_BYTES: u64 = 1 << 20;
 /// A line is divided after this number of bytes.
 const MOST_LINE_BYTES: usize = 1 << 14;
+/// The shell, which runs [`GUARD`].
+const SHELL: &str = "/bin/sh";
+/// Reads the number of a process group, waits for the end of its input, and kills the group.
+const GUARD: &str = "read -r group && { read -r _; kill -s KILL -- \"-$group\"; }";
 
 /// What a program may use.
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,9 +89,11 @@ pub(crate) fn run(
     let errors = out.try_clone()?;
     let mut lines = NewLines { file: File::open(log)?, begun: Vec::new() };
     command.stdin(Stdio::null()).stdout(out).stderr(errors).process_group(0);
+    let mut guard = Guard::start();
     let start = Instant::now();
     let mut child = command.spawn()?;
     let pid = Pid::from_child(&child);
+    guard.watch(pid);
     let (send, ended) = channel();
     let waiting = thread::spawn(move || {
         // The other end is gone only where this process ends.
@@ -122,6 +129,42 @@ pub(crate) fn run(
     let _ = waiting.join();
     let status = status?;
     Ok(cause.unwrap_or(ProgramEnd::Ended(status)))
+}
+
+/// Kills the group of a program where this process ends first without a word, as by SIGKILL: a shell in a group of its
+/// own, whose input this process alone holds open. That reaches all of the group, on every Unix, where the signal that
+/// Linux sends at the death of a parent reaches one process, and has to be asked for between `fork` and `exec`. Without
+/// a shell, programs have no guard.
+struct Guard(Option<Child>);
+
+impl Guard {
+    fn start() -> Self {
+        let mut command = Command::new(SHELL);
+        command.args(["-c", GUARD]).current_dir("/").process_group(0);
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let started = command.spawn();
+        if let Err(error) = &started {
+            tracing::warn!(%error, "no shell: a program outlives this process where that is killed");
+        }
+        Self(started.ok())
+    }
+
+    fn watch(&mut self, group: Pid) {
+        if let Some(input) = self.0.as_mut().and_then(|shell| shell.stdin.as_mut()) {
+            // It fails where something has killed the shell.
+            let _ = writeln!(input, "{}", group.as_raw_nonzero());
+        }
+    }
+}
+
+impl Drop for Guard {
+    /// Ends the shell before its input ends, so that it kills nothing.
+    fn drop(&mut self) {
+        if let Some(shell) = &mut self.0 {
+            let _ = shell.kill();
+            let _ = shell.wait();
+        }
+    }
 }
 
 /// The lines that are added to a file.

@@ -308,6 +308,9 @@ describe("page of a job", inBrowser, () => {
     const value = Number((young ?? "").split("\u202f")[0]);
     assert.ok(value > 20 && value < 70, young ?? "");
     await accessible();
+    // The materials of the file stand in its row, which fits.
+    await page.locator("td", { hasText: "materials (" }).filter({ hasText: "youngs_modulus_gpa 20" }).waitFor();
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
     await page.click("button:has-text('Model for CalculiX')");
     const [model] = await Promise.all([page.waitForEvent("download"), page.click("text=Download the model")]);
     assert.match(model.suggestedFilename(), /deck.*\.zip$/);

@@ -40,6 +40,8 @@ pub struct Limits {
     pub max_memory_bytes: u64,
     /// Most memory of one model of a packing, and longest file of one, in bytes.
     pub max_model_bytes: u64,
+    /// Longest file of voxels, which takes little memory, in bytes.
+    pub max_voxel_file_bytes: u64,
     /// Most threads that compute one packing; the packing does not depend on their number.
     pub threads: NonZeroUsize,
     /// Most threads that write one model of a packing; what they write does not depend on their number.
@@ -53,6 +55,7 @@ impl Default for Limits {
             max_grains: 20_000_000,
             max_memory_bytes: 8_000_000_000,
             max_model_bytes: 8_000_000_000,
+            max_voxel_file_bytes: 8_000_000_000,
             threads: NonZeroUsize::MIN,
             export_threads: NonZeroUsize::MIN,
         }

@@ -67,7 +67,12 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         export_threads,
         &stop,
     )?;
-    let limits = Limits { max_model_bytes: default_memory_bytes(1), export_threads, ..Limits::default() };
+    let limits = Limits {
+        max_model_bytes: default_memory_bytes(1),
+        max_voxel_file_bytes: u64::MAX,
+        export_threads,
+        ..Limits::default()
+    };
     let exports = options.materials.given_to(&options.exports, &options.input)?;
     let outputs = Output::all(exports, &options.out);
     for output in &outputs {

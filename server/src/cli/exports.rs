@@ -322,11 +322,20 @@ pub(super) struct Watch<'a> {
 
 impl Control for Watch<'_> {
     fn report(&self, progress: &Progress) {
-        self.bar.show(progress.fraction, || format!("{}: {}", self.what, progress.message));
+        self.bar.show(progress.fraction, || format!("{}: {}", self.what, words(progress)));
     }
 
     fn should_stop(&self) -> bool {
         self.stop.load(Ordering::Acquire)
+    }
+}
+
+/// How far the work is, in words.
+fn words(progress: &Progress) -> String {
+    if progress.message.is_empty() {
+        format!("{} of {} {}", progress.done, progress.total, progress.unit)
+    } else {
+        progress.message.clone()
     }
 }
 
@@ -370,5 +379,20 @@ mod tests {
             let refused = parse(text).unwrap_err();
             assert!(refused.contains(says), "{text}: {refused}");
         }
+    }
+
+    #[test]
+    fn progress_without_words_counts() {
+        let message = |message: &str| Progress {
+            phase: packstone_engine::Phase::Export,
+            fraction: 0.5,
+            done: 3,
+            total: 6,
+            unit: "load cases",
+            message: message.into(),
+            growth: None,
+        };
+        assert_eq!(words(&message("")), "3 of 6 load cases");
+        assert_eq!(words(&message("Gmsh: filling volumes (2 s)")), "Gmsh: filling volumes (2 s)");
     }
 }

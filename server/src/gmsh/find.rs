@@ -67,6 +67,8 @@ impl Program {
 /// [`ExportError::Unavailable`].
 pub(super) fn find(named: Option<&Path>, own: Option<&Path>) -> Result<(Program, String), ExportError> {
     if let Some(file) = named {
+        // Gmsh runs in a folder of its own; a name without a folder is looked for on the PATH.
+        let file = &if file.components().count() > 1 { std::path::absolute(file)? } else { file.to_owned() };
         let is_python = file.file_name().is_some_and(|name| name.to_string_lossy().starts_with("python"));
         let program =
             if is_python { Program::Module(file.to_owned()) } else { Program::File(file.to_owned()) };

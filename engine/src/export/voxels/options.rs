@@ -356,11 +356,12 @@ impl VoxelOptions {
                 megabytes(bytes)
             ));
         }
-        if bytes > limits.max_memory_bytes {
+        // Written row by row: the length says nothing about the memory.
+        if bytes > limits.max_voxel_file_bytes {
             return refused(format!(
                 "a file of {} MB: at most {} MB may be made",
                 megabytes(bytes),
-                limits.max_memory_bytes / 1_000_000
+                limits.max_voxel_file_bytes / 1_000_000
             ));
         }
         Ok(())

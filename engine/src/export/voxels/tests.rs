@@ -342,7 +342,7 @@ fn options_have_defaults_and_bounds() {
 fn what_is_too_large_says_what_it_would_take() {
     let specimen = Specimen::Box { size_mm: [150.0; 3], boundary: crate::request::Boundary::Walls };
     let refused = |format: VoxelFormat, options: Value| {
-        let limits = Limits { max_memory_bytes: 1_000_000_000, ..Limits::default() };
+        let limits = Limits { max_voxel_file_bytes: 1_000_000_000, ..Limits::default() };
         check(&specimen, &read(format, &options).unwrap(), &limits).unwrap_err().to_string()
     };
     assert_eq!(
@@ -363,7 +363,7 @@ fn what_is_too_large_says_what_it_would_take() {
         "{hexahedra}"
     );
     assert!(hexahedra.ends_with("at most 20000000 are made"), "{hexahedra}");
-    let limits = Limits { max_memory_bytes: 1_000_000_000, ..Limits::default() };
+    let limits = Limits { max_voxel_file_bytes: 1_000_000_000, ..Limits::default() };
     check(&specimen, &read(VoxelFormat::Raw, &json!({"cells": 1000})).unwrap(), &limits).unwrap();
 }
 

@@ -220,6 +220,7 @@ fn limits(options: &Options) -> Limits {
         max_grains: options.max_grains,
         max_memory_bytes,
         max_model_bytes: max_memory_bytes,
+        max_voxel_file_bytes: u64::MAX,
         threads: options.threads.unwrap_or(shared),
         export_threads: shared,
     }

@@ -183,6 +183,7 @@ impl There {
         self.keep_renewing_of(lease.into());
         let limits = Limits {
             max_model_bytes: document.max_model_bytes,
+            max_voxel_file_bytes: document.max_model_bytes,
             export_threads: threads,
             ..Limits::default()
         };
