@@ -326,6 +326,12 @@ async fn grains_of_ones_own_are_checked_by_the_specimen_of_a_job() {
         assert_eq!((made.code, &made.stderr), (Some(3), &checked.stderr));
     }
 
+    // A table without a grain has nothing less than zero.
+    write("x_mm,y_mm,z_mm,d_mm\n");
+    let empty = packstone(folder, &check).await;
+    assert_eq!(empty.code, Some(0), "{empty:?}");
+    assert!(empty.stdout.contains("volume fraction 0.0000\n"), "{empty:?}");
+
     // A table alone, a folder that is none, and options for packings beside a folder.
     write("x_mm,y_mm,z_mm,d_mm\n5,5,5,4\n");
     for (arguments, says) in [

@@ -116,11 +116,11 @@ impl std::fmt::Display for InsertionFailed {
             )?;
         }
         let less = less_of(self.amount, false);
-        write!(
-            f,
-            "; grow the grains instead (method \"auto\"), {less}, or try another seed; on_limit \"keep\" keeps the \
-             grains that were placed"
-        )
+        write!(f, "; grow the grains instead (method \"auto\"), {less}, or try another seed")?;
+        if self.placed > 0 {
+            write!(f, "; on_limit \"keep\" keeps the grains that were placed")?;
+        }
+        Ok(())
     }
 }
 
@@ -219,10 +219,10 @@ mod tests {
 
     #[test]
     fn a_grain_without_a_place_is_said_to_be_proven_so_or_not() {
-        let said = |saturation_proven: bool| {
+        let said_of = |saturation_proven: bool, placed: u64| {
             let failed = InsertionFailed {
-                placed: 0,
-                grains: 1,
+                placed,
+                grains: 1 + placed,
                 diameter_mm: 5.0,
                 volume_fraction_reached: 0.0,
                 volume_fraction_asked: 0.25,
@@ -232,6 +232,7 @@ mod tests {
             };
             failed.to_string()
         };
+        let said = |saturation_proven: bool| said_of(saturation_proven, 0);
         let start = "placed 0 of 1 grains (volume fraction 0.0000 of 0.2500): ";
         let proven = format!("{start}it is proven that no place is left for a grain of 5.0000 mm");
         assert!(said(true).starts_with(&proven), "{}", said(true));
@@ -239,6 +240,9 @@ mod tests {
             "{start}no place found for a grain of 5.0000 mm in 20000000 attempts; it is not proven that there is none"
         );
         assert!(said(false).starts_with(&open), "{}", said(false));
+        // What is not there cannot be kept.
+        assert!(!said(true).contains("on_limit") && !said(false).contains("on_limit"));
+        assert!(said_of(true, 7).ends_with("; on_limit \"keep\" keeps the grains that were placed"));
     }
 
     #[test]

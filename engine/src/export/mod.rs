@@ -50,6 +50,7 @@ use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
+pub use mesh::SurfaceCache;
 pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES, WriteSurfaces};
 pub use provenance::Provenance;
 
@@ -71,13 +72,23 @@ pub struct Model<'a> {
     pub materials: Option<&'a Materials>,
     /// What makes tetrahedra and triangles, for the exports that have them.
     pub mesher: Option<&'a dyn Mesher>,
+    /// Surfaces of templates that exports share.
+    pub surfaces: Option<&'a SurfaceCache>,
 }
 
 impl<'a> Model<'a> {
     /// A packing of unknown provenance, whose grains do not overlap.
     pub fn new(specimen: &'a Specimen, grains: impl Into<GrainsRef<'a>>) -> Self {
         let distance = Distance::None { wall_gap_mm: None };
-        Self { specimen, grains: grains.into(), distance, provenance: None, materials: None, mesher: None }
+        Self {
+            specimen,
+            grains: grains.into(),
+            distance,
+            provenance: None,
+            materials: None,
+            mesher: None,
+            surfaces: None,
+        }
     }
 
     /// The same packing, with the rule of distance that it keeps.
@@ -102,6 +113,13 @@ impl<'a> Model<'a> {
     #[must_use]
     pub fn with_mesher(self, mesher: &'a dyn Mesher) -> Self {
         Self { mesher: Some(mesher), ..self }
+    }
+
+    /// The same packing, with surfaces of templates that its exports share: the estimate of a mesh makes those that the
+    /// mesh itself needs.
+    #[must_use]
+    pub fn with_surfaces(self, surfaces: &'a SurfaceCache) -> Self {
+        Self { surfaces: Some(surfaces), ..self }
     }
 }
 

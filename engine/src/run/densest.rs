@@ -26,11 +26,11 @@ use crate::template_cache::TemplateCache;
 
 /// Factors on all sizes with which grains count as those that were drawn,
 pub(super) const AS_DRAWN: [f64; 2] = [0.97, 1.03];
-/// and those that a packing is expected to have, beyond which growth ends early: the former with the error of what is
-/// known before it jams.
-const EXPECTED: [f64; 2] = [0.965, 1.035];
-/// Least share of a limit that is worth a second growth.
-const LEAST_LEFT: f64 = 0.05;
+/// and those that a packing is expected to have, beyond which growth ends early: grains that rearrange jam at a scale
+/// that is larger, by half a percent about, than what is expected before.
+const EXPECTED: [f64; 2] = [0.966, 1.03];
+/// Least share of a limit that is worth a second growth: with less, grains end farther from jamming than the first.
+const LEAST_LEFT: f64 = 0.25;
 /// Bytes of the head of a checkpoint.
 const HEAD_BYTES: usize = 32;
 

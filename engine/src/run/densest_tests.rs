@@ -7,7 +7,7 @@ use super::{pack, pack_or_resume, verify};
 use crate::check::Scope;
 use crate::checkpoint::{Checkpoint, Resume};
 use crate::control::{Control, Progress, Unattended};
-use crate::packing::GrainsRef;
+use crate::packing::{GrainsRef, GrowthEnd};
 use crate::plan::{Limits, Plan};
 use crate::request::PackingRequest;
 use crate::template_cache::TemplateCache;
@@ -48,6 +48,14 @@ fn grains_of_all_kinds_are_packed_until_they_jam() {
     let more = json!({"method": stop, "distance": {"type": "constant", "gap_mm": 0.4}});
     assert_densest(&request(&walls(20.0), &fuller, &more), 0.4);
 
+    // Just after they were compressed from a loose state, grains have a pressure that tells of a jam far too early.
+    let a16 = json!({"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 2,
+                     "volume_fraction": "maximize", "allow_coarse": true});
+    let stop = json!({"type": "edmd", "stop": {"events": 1_000_000}});
+    let more = json!({"method": stop, "distance": {"type": "constant", "gap_mm": 0.5}});
+    let reached = assert_densest(&request(&walls(40.0), &a16, &more), 0.5);
+    assert!(reached > 0.53, "{reached}");
+
     let mut octahedra = equal();
     octahedra["shape"] = json!({"type": "polyhedron", "template": "octahedron"});
     let more = json!({"method": {"type": "monte_carlo", "stop": {"sweeps": 1500}}});
@@ -70,6 +78,35 @@ fn a_list_is_scaled_to_the_densest_packing_whatever_its_sizes() {
         let scale = packing.report.summary.size_scale.unwrap();
         let largest = GrainsRef::from(&packing.grains).d_mm(0);
         assert!((largest / (3.2 * unit) / scale - 1.0).abs() < 1e-12);
+    }
+}
+
+/// Stops a run that has taken so many events, which should have ended before.
+struct AtMost(u64);
+
+impl Control for AtMost {
+    fn report(&self, progress: &Progress) {
+        let events = progress.growth.map_or(0, |growth| growth.events);
+        assert!(events < self.0, "{events} events");
+    }
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+/// Grains that jam beyond the sizes that were drawn are not expanded again and again.
+#[test]
+fn growth_without_a_limit_ends_whatever_the_scale_is() {
+    let list = |d_mm: f64| {
+        let grading = json!({"type": "diameters", "diameters_mm": vec![d_mm; 40]});
+        json!({"grading": grading, "volume_fraction": "maximize"})
+    };
+    for (mix, gap_mm) in [(equal(), 0.2), (equal(), 0.0), (list(2.0), 0.2), (list(5.0), 0.2)] {
+        let more = json!({"method": {"type": "edmd"}, "distance": {"type": "constant", "gap_mm": gap_mm}});
+        let request = request(&periodic(12.0), &mix, &more);
+        let packing = pack(&request, &Limits::default(), &AtMost(5_000_000)).unwrap();
+        let edmd = packing.report.statistics.edmd.unwrap();
+        assert_eq!((edmd.stop, edmd.expansions), (GrowthEnd::Stalled, 0), "{:?}", packing.report.summary);
     }
 }
 

@@ -194,14 +194,15 @@ pub(super) fn scaled(shape: &Solid, factor: f64) -> Solid {
     }
 }
 
-/// What a user should know of sizes that are not those of the mix, in one sentence: where the second drawing of a
-/// volume fraction that is to be as large as possible did not follow.
+/// What a user should know of sizes that are not those of the mix, in one sentence: where no drawing of grains for a
+/// volume fraction that is to be as large as possible had them.
 pub(super) fn scale_warning(summary: &Summary) -> Option<String> {
     let scale = summary.size_scale.filter(|_| summary.volume_fraction_drawn.is_some())?;
     (!(AS_DRAWN[0]..=AS_DRAWN[1]).contains(&scale)).then(|| {
         format!(
-            "all sizes are scaled by {scale:.4} to fit, so that they are not those of the mix: the limits of the method \
-             left no second drawing of grains; raise method.stop"
+            "all sizes are scaled by {scale:.4} to fit, so that they are not those of the mix: grains are drawn twice at \
+             most, and once where the limits of the method leave too little for a second time; raise method.stop, or \
+             take a larger specimen or another seed"
         )
     })
 }

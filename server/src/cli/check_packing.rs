@@ -109,7 +109,9 @@ fn found<'a>(file: &Path, packing: &'a PackingFile, quality: Option<QualityRepor
     let grains = GrainsRef::from(&packing.grains);
     let Gaps { min_gap_mm, closest, min_excess_gap_mm, min_wall_gap_mm, closest_to_wall, pairs_checked } =
         packing.found.gaps;
-    let volume_mm3: f64 = grains.diameters_mm().map(|d| std::f64::consts::FRAC_PI_6 * d * d * d).sum();
+    // The sum of no numbers is minus zero.
+    let volumes_mm3 = grains.diameters_mm().map(|d| std::f64::consts::FRAC_PI_6 * d * d * d);
+    let volume_mm3 = volumes_mm3.sum::<f64>() + 0.0;
     let grading = packing.has_mix.then(|| match &packing.found.grading {
         Ok(check) => Grading {
             agrees: true,
@@ -170,7 +172,7 @@ fn text(found: &Found<'_>) -> Result<String, Failure> {
     }
     match (found.min_wall_gap_mm, found.min_wall_gap_grain) {
         (Some(gap), Some(grain)) => writeln!(text, "smallest gap to a wall: {gap} mm, of grain {grain}")?,
-        _ => writeln!(text, "smallest gap to a wall: none, for there are no walls")?,
+        _ => writeln!(text, "smallest gap to a wall: none, for there is no grain or no wall")?,
     }
     match &found.grading {
         None => writeln!(text, "grading: not judged, for no mix is known")?,

@@ -10,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use packstone_engine::export::picture::{self, PictureOptions};
-use packstone_engine::export::{ExportError, ExportEstimate, ExportReport, ExportRequest, ExportType, Model};
+use packstone_engine::export::{
+    ExportError, ExportEstimate, ExportReport, ExportRequest, ExportType, Model, SurfaceCache,
+};
 use packstone_engine::request::decode::{At, Faults};
 use packstone_engine::request::{Materials, materials};
 use packstone_engine::{Checkpoint, Control, FieldError, Limits, PackingRequest, Plan, Progress, Resume};
@@ -166,6 +168,8 @@ pub(super) fn write_all<'a>(
     stop: &Arc<AtomicBool>,
 ) -> Result<(), Failure> {
     for output in outputs {
+        let surfaces = SurfaceCache::default();
+        let model = &model.with_surfaces(&surfaces);
         // An export that cannot be estimated cannot be made either; `write` gives the reason.
         if let Ok(estimate) = output.export.estimate(model) {
             announce(&output.file.display().to_string(), &estimate);

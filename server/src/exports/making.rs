@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use packstone_engine::export::tables;
-use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model, Provenance};
+use packstone_engine::export::{ExportError, ExportRequest, ExportType, Model, Provenance, SurfaceCache};
 use packstone_engine::request::{Materials, Specimen};
 use packstone_engine::{Control as _, Limits};
 use serde_json::Value;
@@ -170,7 +170,9 @@ impl TaskKind for Exports {
         drop(stored);
         let max_model_bytes = work.limits.max_model_bytes.saturating_sub(loaded_bytes);
         let limits = Limits { max_model_bytes, ..work.limits };
+        let surfaces = SurfaceCache::default();
         let model = Model::new(&specimen, &grains)
+            .with_surfaces(&surfaces)
             .with_distance(distance)
             .with_provenance(&provenance)
             .with_materials(materials.as_ref())

@@ -12,6 +12,7 @@
 
 use std::f64::consts::PI;
 
+use super::cache::SurfaceCache;
 use super::shell::{Wall, walls};
 use super::size::Other;
 use super::sphere;
@@ -39,6 +40,8 @@ pub(super) struct MeshModel<'a> {
     pub(super) bodies: Bodies<'a>,
     /// No edge on the specimen is longer.
     pub(super) shell_most_mm: f64,
+    /// Surfaces of templates that were made before.
+    pub(super) surfaces: Option<&'a SurfaceCache>,
 }
 
 /// The grains of a packing.
@@ -110,6 +113,7 @@ impl<'a> MeshModel<'a> {
             specimen: model.specimen,
             bodies: Bodies::new(model.grains)?,
             shell_most_mm: f64::INFINITY,
+            surfaces: model.surfaces,
         })
     }
 

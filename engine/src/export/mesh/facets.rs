@@ -11,6 +11,8 @@
 //! Widths and tolerances are shares of the length of edges; they become smaller from level to level. `polyhedron`
 //! takes the coarsest level that has the volume of the grain within the room that the gaps leave.
 
+use std::collections::HashMap;
+
 use nalgebra::Vector3;
 
 use super::solid::{Solid, volume};
@@ -95,7 +97,7 @@ impl Facets {
             volume: volume(&solid.vertices, &solid.faces),
             inscribed: solid.vertices.iter().map(leave).fold(f64::INFINITY, f64::min),
             vertices: solid.vertices,
-            faces: solid.faces,
+            faces: solid.faces.iter().map(|corners| corners.to_vec()).collect(),
             is_exact: false,
         }
     }
@@ -131,7 +133,7 @@ fn rounded(body: &Convex, edge: f64, tolerance: f64) -> Solid {
     for _ in 0..MOST_CUTS {
         let known = away.len();
         away.extend(solid.vertices[known..].iter().map(|v| body.distance(v)));
-        let corners = solid.faces.iter().flatten().copied();
+        let corners = solid.faces.iter().flat_map(|corners| corners.iter().copied());
         let farthest = corners.max_by(|p, q| away[*p as usize].total_cmp(&away[*q as usize]));
         let Some(vertex) = farthest.filter(|v| away[*v as usize] > tolerance) else { break };
         let normal = body.normal(&solid.vertices[vertex as usize]);
@@ -157,6 +159,7 @@ fn rounded(body: &Convex, edge: f64, tolerance: f64) -> Solid {
 /// Moves planes inwards, or leaves facets out, until no place of a facet is narrower than a width, as far as that
 /// succeeds: at the narrowest place the change that leaves the least to do, and so on.
 fn widened(mut solid: Solid, body: &Convex, least: f64, most_shifts: usize) -> Solid {
+    let mut distances = Distances { body, known: HashMap::new() };
     let mut left = solid.narrow_places(least);
     for _ in 0..most_shifts {
         if left.short == 0.0 {
@@ -181,7 +184,7 @@ fn widened(mut solid: Solid, body: &Convex, least: f64, most_shifts: usize) -> S
             let mut planes = solid.planes.clone();
             planes.remove(facet);
             let next = Solid::of_planes(&planes, 0.0).compacted();
-            let outside = next.vertices.iter().map(|v| body.distance(v)).fold(0.0, f64::max) / least;
+            let outside = distances.farthest(&next.vertices) / least;
             if outside <= MOST_OUTSIDE {
                 offer(next, SHIFT_WEIGHT * outside);
             }
@@ -197,4 +200,22 @@ fn widened(mut solid: Solid, body: &Convex, least: f64, most_shifts: usize) -> S
         (solid, left) = next;
     }
     solid
+}
+
+/// Distances of points from a body. Most of the corners that are left when a facet is left out were there before.
+struct Distances<'a> {
+    body: &'a Convex,
+    /// By the bits of the coordinates.
+    known: HashMap<[u64; 3], f64>,
+}
+
+impl Distances<'_> {
+    /// How far the farthest of some points lies outside of the body, 0 where none does.
+    fn farthest(&mut self, points: &[Vector3<f64>]) -> f64 {
+        let mut distance = |p: &Vector3<f64>| {
+            let bits = [p.x.to_bits(), p.y.to_bits(), p.z.to_bits()];
+            *self.known.entry(bits).or_insert_with(|| self.body.distance(p))
+        };
+        points.iter().map(&mut distance).fold(0.0, f64::max)
+    }
 }

@@ -5,9 +5,10 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::Arc;
 
 use super::bodies::{Between, Bodies, MeshModel, PlacedPolyhedron};
+use super::cache::{EDGE_STEPS, FacetsForm, SurfaceCache};
 use super::curved::{Ball, Obstacle, Room};
 use super::facets::Facets;
 use super::near::Near;
@@ -17,7 +18,7 @@ use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{Fineness, Finenesses};
 use super::surface::{Shape as _, Surface, dot};
 use super::template_surface::TemplateFacets;
-use crate::elementary::{exp, ln};
+use crate::elementary::ln;
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
@@ -29,8 +30,6 @@ const ROOM_REACH: f64 = 3.0;
 const EVEN_EDGE: f64 = 1.3;
 /// Most triangles of an ellipsoid that are made for an estimate.
 const MOST_EVEN_TRIANGLES: usize = 1_000_000;
-/// Steps of edges over diameters that share their facets, for each factor of e.
-const EDGE_STEPS: f64 = 8.0;
 /// Most rounds of turning dents into ridges.
 const MOST_ROUNDS: usize = 8;
 
@@ -44,16 +43,11 @@ pub(super) struct Grains<'a> {
     finenesses: Finenesses,
     /// Polyhedra of the unit sphere that were needed so far.
     templates: HashMap<Fineness, Surface>,
-    /// Facets of templates that were needed so far.
-    facets: HashMap<FacetsKey, Arc<TemplateFacets>>,
+    /// Facets of templates, by their numbers, that were needed so far.
+    facets: HashMap<(u32, FacetsForm), Arc<TemplateFacets>>,
     /// Those that any of the copies needed.
-    all_facets: Arc<Mutex<HashMap<FacetsKey, SharedFacets>>>,
+    all_facets: SurfaceCache,
 }
-
-/// A template by its number, the step of edges over diameters, and the level of precision.
-type FacetsKey = (u32, i64, usize);
-/// Facets that one copy makes and others wait for.
-type SharedFacets = Arc<OnceLock<Arc<TemplateFacets>>>;
 
 /// What a grain faces, seen from its centre.
 pub(super) struct Faced<'a> {
@@ -77,7 +71,7 @@ impl<'a> Grains<'a> {
             finenesses: Finenesses::new(),
             templates: HashMap::new(),
             facets: HashMap::new(),
-            all_facets: Arc::default(),
+            all_facets: model.surfaces.cloned().unwrap_or_default(),
         })
     }
 
@@ -185,22 +179,14 @@ impl<'a> Grains<'a> {
     pub(super) fn placed(&mut self, row: usize, grain: &PlacedPolyhedron<'_>) -> (Angular<'a>, Placed) {
         let angular = self.angular(row, grain);
         // Facets are those of all grains of a template with about the same edges over their diameters.
-        let step = (EDGE_STEPS * ln(angular.edge_mm / grain.shape.scale_mm)).round();
-        let edge = exp(step / EDGE_STEPS);
+        let step = (EDGE_STEPS * ln(angular.edge_mm / grain.shape.scale_mm)).round() as i64;
         let levels = Facets::levels(grain.template);
         let all_faces = self.options.faces == FaceChoice::Exact;
         let first = if all_faces && grain.template.rounding == 0.0 { levels - 1 } else { 0 };
-        let all = || self.all_facets.lock().unwrap_or_else(PoisonError::into_inner);
         let of_level = |level: usize| {
-            let key = (grain.number, step as i64, level);
-            let own = self.facets.entry(key).or_insert_with(|| {
-                let shared = all().entry(key).or_default().clone();
-                let make = || {
-                    Arc::new(TemplateFacets::new(Facets::new(grain.template, edge, level, all_faces), edge))
-                };
-                shared.get_or_init(make).clone()
-            });
-            own.clone()
+            let form = FacetsForm { step, level, all_faces };
+            let made = || self.all_facets.facets(grain.template, form);
+            self.facets.entry((grain.number, form)).or_insert_with(made).clone()
         };
         let placed = Placed::fitting(grain, &angular, first..levels, of_level);
         (angular, placed)

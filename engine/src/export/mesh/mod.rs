@@ -8,6 +8,7 @@
 //! `estimate` (triangles and bytes beforehand).
 
 mod bodies;
+mod cache;
 mod curved;
 #[cfg(test)]
 mod ellipsoid_tests;
@@ -46,6 +47,7 @@ use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use bodies::MeshModel;
+pub use cache::SurfaceCache;
 pub use estimate::MeshEstimate;
 pub use options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use surface::Surface;

@@ -296,3 +296,29 @@ fn surfaces_do_not_depend_on_the_threads() {
         assert!(written(threads) == one, "{threads} threads");
     }
 }
+
+/// The estimate of a mesh makes the surfaces of templates that the mesh needs, and the mesh makes none of them again.
+#[test]
+fn estimate_and_mesh_share_the_surfaces_of_templates() {
+    for rounding in [0.0, 0.2] {
+        let grains = packed(&CUBE, 30, [3.0, 2.0], 0.3, rounding);
+        let request = MeshRequest::Stl(SurfaceOptions::default());
+        let written = |model: &Model<'_>| {
+            let mut file = Vec::new();
+            request.write(model, &Limits::default(), &Unattended, &mut file).unwrap();
+            file
+        };
+        let (alone, surfaces) = (Model::new(&CUBE, &grains), SurfaceCache::default());
+        let sharing = alone.with_surfaces(&surfaces);
+        request.estimate(&sharing).unwrap();
+        let made = surfaces.len();
+        assert!(made >= grains.templates.len());
+        assert!(written(&sharing) == written(&alone));
+        assert!(surfaces.len() == made);
+        // Other templates have their own.
+        let others = packed(&CUBE, 30, [3.0, 2.0], 0.3, rounding + 0.1);
+        let others = Model::new(&CUBE, &others);
+        assert!(written(&others.with_surfaces(&surfaces)) == written(&others));
+        assert!(surfaces.len() > made);
+    }
+}

@@ -5,6 +5,7 @@
 //! DOI 10.1006/jagm.1995.1021).
 
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 use nalgebra::Vector3;
 
@@ -21,8 +22,8 @@ const HALF_CUBE: f64 = 100.0;
 pub(super) struct Solid {
     /// Vertices; after cuts, some of them belong to no facet ([`Solid::compacted`]).
     pub(super) vertices: Vec<Vector3<f64>>,
-    /// Vertices of the facets, counter-clockwise as seen from outside.
-    pub(super) faces: Vec<Vec<u32>>,
+    /// Vertices of the facets, counter-clockwise as seen from outside. Copies share those that no cut has changed.
+    pub(super) faces: Vec<Rc<[u32]>>,
     /// Outward unit normal of each facet and its height above the origin.
     pub(super) planes: Vec<(Vector3<f64>, f64)>,
     /// What is narrow of each facet for the width that was asked for last; none where the facet has changed since.
@@ -65,7 +66,7 @@ impl Solid {
         let normals = [-Vector3::z(), Vector3::z(), -Vector3::y(), Vector3::y(), -Vector3::x(), Vector3::x()];
         Self {
             vertices: (0..8).map(corner).collect(),
-            faces: faces.map(Vec::from).to_vec(),
+            faces: faces.map(|corners| Rc::from(corners.as_slice())).to_vec(),
             planes: normals.map(|normal| (normal, HALF_CUBE)).to_vec(),
             narrow: vec![None; 6],
         }
@@ -73,7 +74,11 @@ impl Solid {
 
     /// How far it reaches along a direction.
     pub(super) fn support(&self, normal: &Vector3<f64>) -> f64 {
-        let heights = self.faces.iter().flatten().map(|&v| normal.dot(&self.vertices[v as usize]));
+        let heights = self
+            .faces
+            .iter()
+            .flat_map(|corners| corners.iter())
+            .map(|&v| normal.dot(&self.vertices[v as usize]));
         heights.fold(f64::NEG_INFINITY, f64::max)
     }
 
@@ -93,13 +98,16 @@ impl Solid {
         let is_out = |v: u32| above[v as usize] > ON_PLANE;
         let mut made: BTreeMap<[u32; 2], u32> = BTreeMap::new();
         let mut next: BTreeMap<u32, u32> = BTreeMap::new();
-        let (faces, planes) = (std::mem::take(&mut self.faces), std::mem::take(&mut self.planes));
-        let narrow = std::mem::take(&mut self.narrow);
-        for ((corners, plane), narrow) in faces.into_iter().zip(planes).zip(narrow) {
-            if !corners.iter().any(|&v| is_out(v)) {
-                self.push(corners, plane, narrow);
+        let mut kept = 0;
+        for facet in 0..self.faces.len() {
+            if !self.faces[facet].iter().any(|&v| is_out(v)) {
+                self.faces.swap(kept, facet);
+                self.planes.swap(kept, facet);
+                self.narrow.swap(kept, facet);
+                kept += 1;
                 continue;
             }
+            let (corners, plane) = (self.faces[facet].clone(), self.planes[facet]);
             let (mut left, mut entered) = (None, None);
             let mut rest: Vec<u32> = Vec::new();
             for [from, to] in directed_edges(&corners) {
@@ -133,9 +141,13 @@ impl Solid {
                 rest.pop();
             }
             if rest.len() > 2 {
-                self.push(rest, plane, None);
+                (self.faces[kept], self.planes[kept], self.narrow[kept]) = (rest.into(), plane, None);
+                kept += 1;
             }
         }
+        self.faces.truncate(kept);
+        self.planes.truncate(kept);
+        self.narrow.truncate(kept);
         if let Some((&start, _)) = next.iter().next() {
             let mut corners = vec![start];
             while let Some(&following) = corners.last().and_then(|last| next.get(last)) {
@@ -145,15 +157,11 @@ impl Solid {
                 corners.push(following);
             }
             if corners.len() > 2 {
-                self.push(corners, (*normal, height), None);
+                self.faces.push(corners.into());
+                self.planes.push((*normal, height));
+                self.narrow.push(None);
             }
         }
-    }
-
-    fn push(&mut self, corners: Vec<u32>, plane: (Vector3<f64>, f64), narrow: Option<NarrowFacet>) {
-        self.faces.push(corners);
-        self.planes.push(plane);
-        self.narrow.push(narrow);
     }
 
     /// How long the shortest of the edges would be that a cut makes or shortens; infinite where it cuts nothing off.
@@ -247,13 +255,13 @@ impl NarrowFacet {
 }
 
 /// Volume of a polyhedron.
-pub(super) fn volume(vertices: &[Vector3<f64>], faces: &[Vec<u32>]) -> f64 {
+pub(super) fn volume(vertices: &[Vector3<f64>], faces: &[impl AsRef<[u32]>]) -> f64 {
     let at = |v: u32| vertices[v as usize];
-    let fan = |corners: &Vec<u32>| {
+    let fan = |corners: &[u32]| {
         let start = at(corners[0]);
         corners.windows(2).map(|pair| start.dot(&at(pair[0]).cross(&at(pair[1])))).sum::<f64>() / 6.0
     };
-    faces.iter().map(fan).sum()
+    faces.iter().map(|corners| fan(corners.as_ref())).sum()
 }
 
 /// Calls `visit` with the places of a facet: a corner, an edge that it does not lie on, and their distance.

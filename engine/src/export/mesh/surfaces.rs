@@ -69,13 +69,14 @@ impl Mesh {
         check(model.specimen)?;
         let mut model = MeshModel::new(model)?;
         model.shell_most_mm = shell_most_mm.unwrap_or(f64::INFINITY);
-        let model = &model;
-        let (mesh, report) = Self::of_model(model, options, limits, control)?;
+        let (mesh, report) = Self::of_model(&model, options, limits, control)?;
         let lacking = -report.aggregate_volume_error;
         if options.volume_correction == VolumeCorrection::Scaled && lacking > loss::MOST_LACKING {
+            // Those of further numbers of segments are not kept.
+            model.surfaces = None;
             let advice = loss::fitting_segments(options.segments, |segments| {
                 let options = options.clone().with_segments(segments);
-                let (_, report) = Self::of_model(model, &options, limits, control).ok()?;
+                let (_, report) = Self::of_model(&model, &options, limits, control).ok()?;
                 Some(-report.aggregate_volume_error)
             });
             go_on(control)?;

@@ -32,13 +32,16 @@ const SHORTEST: f64 = 1.0 / 64.0;
 const FLATNESS: f64 = 1.0e-8;
 
 /// The facets of a template at a level of precision, in its units, and the triangles that are made of them once.
+#[derive(Debug)]
 pub(super) struct TemplateFacets {
     pub(super) facets: Facets,
     sizes: Sizes,
-    surface: OnceLock<Option<Surface>>,
+    /// The triangles, or how many they were not to be more than.
+    surface: OnceLock<Result<Surface, usize>>,
 }
 
 /// How long edges may be.
+#[derive(Debug)]
 struct Sizes {
     /// Where nothing is narrow.
     edge: f64,
@@ -61,8 +64,8 @@ impl TemplateFacets {
 
     /// The triangles; `None` when they are more than `most_triangles`.
     pub(super) fn surface(&self, most_triangles: usize) -> Option<&Surface> {
-        let make = || triangulated(&self.facets, &self.sizes, most_triangles);
-        self.surface.get_or_init(make).as_ref()
+        let make = || triangulated(&self.facets, &self.sizes, most_triangles).ok_or(most_triangles);
+        self.surface.get_or_init(make).as_ref().ok()
     }
 }
 

@@ -192,6 +192,9 @@ impl Edmd<'_> {
         if run.stage == Stage::Scale {
             loop {
                 ended = run.grow(&frame, &protocols[0]);
+                if frame.to_jamming.is_some() {
+                    break;
+                }
                 if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
                     ended = Ended::As(GrowthEnd::Target);
                 }

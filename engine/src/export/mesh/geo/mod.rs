@@ -116,13 +116,15 @@ pub fn write(
     out: &mut dyn Write,
 ) -> Result<GeoReport, ExportError> {
     super::check(of.specimen)?;
-    let model = &MeshModel::new(of)?;
-    let report = write_whatever_lacks(of, model, options, control, out)?;
+    let mut model = MeshModel::new(of)?;
+    let report = write_whatever_lacks(of, &model, options, control, out)?;
     let lacking = -report.expected_volume_error;
     if options.volume_correction == VolumeCorrection::Scaled && lacking > loss::MOST_LACKING {
+        // Surfaces of further numbers of segments are not kept.
+        model.surfaces = None;
         let advice = loss::fitting_segments(Some(options.segments), |segments| {
             let options = GeoOptions { segments, ..options.clone() };
-            let report = write_whatever_lacks(of, model, &options, control, &mut io::sink()).ok()?;
+            let report = write_whatever_lacks(of, &model, &options, control, &mut io::sink()).ok()?;
             Some(-report.expected_volume_error)
         });
         go_on(control)?;

@@ -16,8 +16,11 @@ const NEAR_TARGET: f64 = 5e-4;
 const EXPANSION: f64 = 3e-3;
 /// and so many times at most.
 const MOST_EXPANSIONS: u64 = 12;
-/// Pressure above which the scale at which a packing jams is known to a percent.
-const NEAR_JAMMING: f64 = 100.0;
+/// Pressure above which the scale at which a packing jams is known to a percent,
+const NEAR_JAMMING: f64 = 50.0;
+/// and the shares of a run between which it is judged: before, grains have not yet rearranged after they were
+/// compressed from a loose state, and the pressure is too high; after, too little of the run is left for another.
+const JUDGED: [f64; 2] = [0.2, 0.75];
 
 impl Run {
     /// Whether the grains have the size that is their target.
@@ -29,7 +32,10 @@ impl Run {
     pub(super) fn jams_outside(&self, frame: &Frame<'_>) -> bool {
         let Some([low, high]) = frame.to_jamming.and_then(|to| to.within) else { return false };
         let scale = scale_at_jamming(self.size, self.pressure);
-        self.pressure > NEAR_JAMMING && !(low..=high).contains(&scale)
+        let (share, _) = self.share_done(frame);
+        self.pressure > NEAR_JAMMING
+            && (JUDGED[0]..=JUDGED[1]).contains(&share)
+            && !(low..=high).contains(&scale)
     }
 
     /// Keeps a checkpoint of growth that ended short of its target, where its packing is kept and whoever runs it wants

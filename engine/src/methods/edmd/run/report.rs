@@ -95,7 +95,7 @@ impl Run {
     /// A limit of events or time ends the run if the target does not, so the larger of the shares counts. Growth to
     /// the largest distance has no target: without a limit it is paced by a number of collisions, whose share counts.
     /// Equal grains stall after about as many, but no remaining time follows from that.
-    fn share_done(&self, frame: &Frame<'_>) -> (f64, bool) {
+    pub(super) fn share_done(&self, frame: &Frame<'_>) -> (f64, bool) {
         let limits = frame.options.stop;
         let events = self.system.counts.collisions();
         let by_limits = [
