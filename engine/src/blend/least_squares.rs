@@ -13,7 +13,7 @@ const MIDDLE: f64 = 1.0e-6;
 /// Rounding of a derivative, over the largest entry of the matrix.
 const ROUNDING: f64 = 1.0e-14;
 /// Most Newton steps: each ends in another piece.
-const MOST_STEPS: usize = 5000;
+const MOST_STEPS: usize = 1000;
 /// Halvings of the interval in which a search along a step ends.
 const HALVINGS: usize = 60;
 
@@ -45,14 +45,19 @@ pub(super) fn shares(passing: &[Vec<f64>], limits: &[Limits]) -> Vec<f64> {
     let matrix = DMatrix::from_fn(limits.len(), passing.len(), |row, column| passing[column][row]);
     let middle =
         DVector::from_iterator(limits.len(), limits.iter().map(|limit| 0.5 * (limit.low + limit.high)));
-    let mut x = on_simplex(&matrix, &middle);
+    // The stockpile that is nearest by itself, then the blend that is nearest to the middle.
+    let square = |column: usize| (matrix.column(column) - &middle).norm_squared();
+    let best = (0..passing.len()).min_by(|&a, &b| square(a).total_cmp(&square(b))).unwrap_or(0);
+    let mut x = DVector::zeros(passing.len());
+    x[best] = 1.0;
+    x = on_simplex(&matrix, &middle, x);
     for _ in 0..MOST_STEPS {
         let rows: Vec<(f64, f64)> =
             (&matrix * &x).iter().zip(limits).map(|(passing, limit)| limit.row(*passing)).collect();
         let weighted = |row: usize| rows[row].0.sqrt();
         let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| weighted(i) * matrix[(i, j)]);
         let target = DVector::from_fn(matrix.nrows(), |i, _| weighted(i) * rows[i].1);
-        let step = on_simplex(&scaled, &target) - &x;
+        let step = on_simplex(&scaled, &target, x.clone()) - &x;
         if step.amax() <= f64::EPSILON {
             break;
         }
@@ -82,25 +87,14 @@ fn root(f: impl Fn(f64) -> f64) -> f64 {
     high
 }
 
-/// The `x` with entries of at least 0 and a sum of 1 that minimises `|A x - b|`.
-fn on_simplex(matrix: &DMatrix<f64>, target: &DVector<f64>) -> DVector<f64> {
+/// The `x` with entries of at least 0 and a sum of 1 that minimises `|A x - b|`, found from another such `x`.
+fn on_simplex(matrix: &DMatrix<f64>, target: &DVector<f64>, mut x: DVector<f64>) -> DVector<f64> {
     let count = matrix.ncols();
-    let square = |column: usize| (matrix.column(column) - target).norm_squared();
-    let best = (0..count).min_by(|&a, &b| square(a).total_cmp(&square(b))).unwrap_or(0);
-    let mut x = DVector::zeros(count);
-    x[best] = 1.0;
-    let mut used = vec![best];
+    let mut used: Vec<usize> = (0..count).filter(|&column| x[column] > 0.0).collect();
     let tolerance = ROUNDING * matrix.amax().max(1.0) * matrix.nrows() as f64;
+    let mut added = None;
     // Each round lowers the squares, so that no set of columns comes twice.
     loop {
-        let gradient = matrix.tr_mul(&(matrix * &x - target));
-        let level = x.dot(&gradient);
-        let unused = (0..count).filter(|column| !used.contains(column));
-        let Some(next) = unused.min_by(|&a, &b| gradient[a].total_cmp(&gradient[b])) else { return x };
-        if gradient[next] >= level - tolerance {
-            return x;
-        }
-        used.push(next);
         loop {
             let z = on_plane(matrix, target, &used);
             let shrinking = used.iter().zip(&z).filter(|(_, share)| **share <= 0.0);
@@ -111,7 +105,7 @@ fn on_simplex(matrix: &DMatrix<f64>, target: &DVector<f64>) -> DVector<f64> {
                 }
                 break;
             };
-            if part == 0.0 && x[next] == 0.0 {
+            if part == 0.0 && added.is_some_and(|column: usize| x[column] == 0.0) {
                 // The column that was added is a blend of the others but for rounding.
                 return x;
             }
@@ -125,6 +119,15 @@ fn on_simplex(matrix: &DMatrix<f64>, target: &DVector<f64>) -> DVector<f64> {
                 x[column] > 0.0
             });
         }
+        let gradient = matrix.tr_mul(&(matrix * &x - target));
+        let level = x.dot(&gradient);
+        let unused = (0..count).filter(|column| !used.contains(column));
+        let Some(next) = unused.min_by(|&a, &b| gradient[a].total_cmp(&gradient[b])) else { return x };
+        if gradient[next] >= level - tolerance {
+            return x;
+        }
+        used.push(next);
+        added = Some(next);
     }
 }
 

@@ -162,7 +162,7 @@ fn problem() -> impl Strategy<Value = (Vec<Vec<f64>>, Vec<Limits>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
+    #![proptest_config(ProptestConfig::with_cases(200))]
 
     /// Karush, Kuhn and Tucker: the derivative is the same in every share above 0, and not below it in the others.
     #[test]

@@ -57,7 +57,8 @@ pub(super) fn packing_density(sizes: &[(f64, f64)], model: PackingModel) -> Opti
     Some(low)
 }
 
-/// The sizes, of many those of a few steps of an octave each, with shares that sum to 1: within a step the mean of the logarithm.
+/// The sizes with shares that sum to 1; many of them in a few steps of an octave each, with the mean of the logarithm
+/// within a step.
 fn gathered(sizes: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let whole: f64 = sizes.iter().map(|size| size.1).sum();
     if sizes.len() <= MOST_SIZES && whole > 0.0 {
