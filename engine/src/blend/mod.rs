@@ -7,7 +7,7 @@
 //! - `e_i^2 + 1e-6 (p_i - m_i)^2` for a band, where `e_i` is the part of `p_i` outside of the limits and `m_i` their
 //!   mean: the blend lies in the band where one can, to about 1e-6, and then as near to its middle as it can,
 //!
-//! with all shares at least 0 and a sum of 1 ([`least_squares`]). Where stockpiles are blends of others, several shares
+//! with all shares at least 0 and a sum of 1 (`least_squares`). Where stockpiles are blends of others, several shares
 //! meet the target alike, and one of them is the answer.
 
 mod least_squares;

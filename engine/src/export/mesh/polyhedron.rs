@@ -144,7 +144,7 @@ impl Angular<'_> {
         placed: &Placed,
         most_triangles: usize,
     ) -> Option<(Surface, bool)> {
-        let mut surface = placed.template.surface(most_triangles)?.clone();
+        let mut surface = placed.template.surface(most_triangles)?.into_owned();
         let points: Vec<Vector3<f64>> = surface.points.iter().map(|p| Vector3::from(*p)).collect();
         surface.points = turned(grain, &points).map(|p| scaled(p, placed.factor)).collect();
         let mut divided = Divided { facing: &self.facing, coarse: STEPS[0] };

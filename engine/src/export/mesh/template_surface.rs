@@ -5,6 +5,7 @@
 //! distance from it (Ruppert 1995, DOI 10.1006/jagm.1995.1021). Within a facet the triangulation is Delaunay's, and
 //! vertices inside of it are moved to the middle of their neighbours (Laplacian smoothing).
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
@@ -63,9 +64,14 @@ impl TemplateFacets {
     }
 
     /// The triangles; `None` when they are more than `most_triangles`.
-    pub(super) fn surface(&self, most_triangles: usize) -> Option<&Surface> {
-        let make = || triangulated(&self.facets, &self.sizes, most_triangles).ok_or(most_triangles);
-        self.surface.get_or_init(make).as_ref().ok()
+    pub(super) fn surface(&self, most_triangles: usize) -> Option<Cow<'_, Surface>> {
+        let made = |most: usize| triangulated(&self.facets, &self.sizes, most);
+        match self.surface.get_or_init(|| made(most_triangles).ok_or(most_triangles)) {
+            Ok(surface) => Some(Cow::Borrowed(surface)),
+            // Another mesh may have more.
+            Err(tried) if *tried < most_triangles => made(most_triangles).map(Cow::Owned),
+            Err(_) => None,
+        }
     }
 }
 
