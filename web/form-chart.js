@@ -1,6 +1,5 @@
 /** The grading curve beside the plan, over the band of a standard that the user compares it with. */
 import { h, replace, text } from "./dom.js";
-import { blendButton, blended } from "./form-blend.js";
 import { at, curve } from "./form-curve.js";
 
 /** @typedef {import("./form-standards.js").Standard} Standard */
@@ -11,6 +10,8 @@ import { at, curve } from "./form-curve.js";
  * @type {string | null}
  */
 let compared = null;
+/** What a blend said, for the chart that follows it. */
+let said = "";
 
 /**
  * The grading curve, with the choice of what it is compared with.
@@ -22,7 +23,7 @@ let compared = null;
  */
 export function chart(points, finest, mix, standards, use) {
   if (!points.length) return null;
-  const grading = mix?.grading;
+  const given = mix?.grading;
   const nameOf = (/** @type {{standard: string, name: string}} */ { standard, name }) => `${standard} ${name}`;
   const select = /** @type {HTMLSelectElement} */ (
     h(
@@ -38,11 +39,10 @@ export function chart(points, finest, mix, standards, use) {
   const draw = () => {
     const band = chosen();
     replace(place, curve(points, finest, standards, band));
-    text(words, band ? `${outside(points, band)} ${blended()}` : "");
+    text(words, band ? `${outside(points, band)} ${said}` : "");
   };
-  const isBand = (/** @type {Standard} */ one) =>
-    one.standard !== "DIN 1045-2" && nameOf(one) === nameOf(grading ?? {});
-  select.value = compared ?? (standards.some(isBand) ? nameOf(grading) : "");
+  const isBand = (/** @type {Standard} */ one) => one.standard !== "DIN 1045-2" && nameOf(one) === nameOf(given ?? {});
+  select.value = compared ?? (standards.some(isBand) ? nameOf(given) : "");
   // The form plans anew when a field of the request changes; this is none.
   select.addEventListener("input", (event) => event.stopPropagation());
   select.addEventListener("change", (event) => {
@@ -51,15 +51,35 @@ export function chart(points, finest, mix, standards, use) {
     draw();
   });
   draw();
+  said = "";
+  const set = async () => {
+    const grading = chosen();
+    if (!grading) return text(words, "Choose a grading above first.");
+    try {
+      const { blend } = await import("./form-blend.js");
+      const found = await blend(mix.aggregates, grading);
+      said = found.said;
+      use("/mix/aggregates", found.aggregates);
+    } catch (error) {
+      text(words, error instanceof Error ? error.message : String(error));
+    }
+  };
   return h(
     "div",
     {},
     place,
     h("div", { class: "field" }, h("label", { for: "compared" }, "Compared with"), select),
-    blendButton(mix, chosen, words, use),
+    canBlend(mix?.aggregates) &&
+      h("button", { type: "button", class: "quiet", id: "blend", onclick: set }, "Set the shares to meet it"),
     words,
   );
 }
+
+/** Whether aggregates have shares that can be set. @param {any} aggregates */
+const canBlend = (aggregates) =>
+  Array.isArray(aggregates) &&
+  aggregates.length > 1 &&
+  aggregates.every((one) => one?.share !== undefined && one.grading?.type);
 
 /**
  * How far a curve lies outside of a band. Below its finest point a curve that some mass passes there says nothing.

@@ -117,41 +117,16 @@ function proposal(plan, request, use) {
   );
 }
 
-/** The figures of the aggregate that laboratories compute by hand. @param {any} figures */
+/** The figures of the aggregate that laboratories compute by hand, loaded when they are opened. @param {any} figures */
 function aggregate(figures) {
   if (!figures) return null;
-  const { packing_model: model, paste } = figures;
-  const row = (/** @type {string} */ what, /** @type {string} */ figure) =>
-    h("tr", {}, h("th", { scope: "row" }, what), h("td", { class: "number" }, figure));
+  const place = h("div", {});
+  const show = async () => replace(place, (await import("./form-figures.js")).figuresOf(figures));
   return h(
     "details",
-    { class: "figures-of-aggregate" },
+    { class: "figures-of-aggregate", ontoggle: show },
     h("summary", {}, "Figures of the aggregate"),
-    h(
-      "table",
-      {},
-      h(
-        "tbody",
-        {},
-        row("Fineness modulus, ASTM C125", number(figures.fineness_modulus, 3)),
-        row("k-value, DIN 1045-2", number(figures.k_value, 3)),
-        row("Specific surface, as spheres", `${number(figures.specific_surface_m2_m3, 4)}\u202fm²/m³`),
-        figures.fines > 0 && row("Finer than 0.063\u202fmm", percent(figures.fines, 1)),
-        row("Packing density, all aggregate", number(figures.packing_density, 3)),
-        figures.packing_density_placed !== undefined &&
-          row("Packing density, grains placed", number(figures.packing_density_placed, 3)),
-        paste && row("Paste", `${percent(paste.volume_fraction, 1)} of the volume`),
-        paste && row("Paste film on the grains", quantity(paste.film_thickness_mm, "mm")),
-        paste && row("Paste between the largest grains", quantity(paste.maximum_thickness_mm, "mm")),
-      ),
-    ),
-    h(
-      "p",
-      { class: "hint" },
-      `Packing densities are those of compacted aggregate by de Larrard's model, compaction index ` +
-        `${number(model.compaction_index)}, residual packing density ${number(model.residual_packing_density)}; ` +
-        "`mix.packing_model` of the request sets others.",
-    ),
+    place,
   );
 }
 

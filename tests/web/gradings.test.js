@@ -152,6 +152,7 @@ test(
     const sum = found.reduce((all, one) => all + one.share, 0);
     assert.ok(Math.abs(sum - 1) < 1e-5 && found[0].share > 0.3, JSON.stringify(found));
     await page.click("summary:has-text('Figures of the aggregate')");
+    await page.waitForSelector(".figures-of-aggregate tbody");
     const figures = await page.innerText(".figures-of-aggregate");
     for (const words of [
       /Fineness modulus, ASTM C125\s+\d\.\d/,
@@ -181,7 +182,7 @@ test("the smallest specimen for a number of grains is proposed and used", inBrow
   await planned(page);
   const after = JSON.parse(await page.inputValue("#json")).specimen.size_mm[0];
   assert.ok(after < before && after > 0.1 * before, `${before} ${after}`);
-  assert.match(await page.innerText(".answer"), /Success\s+9\d/);
+  assert.match(await page.innerText(".answer"), /Success\s+(?:9\d|100)/);
   clean();
   await close();
 });
