@@ -58,7 +58,7 @@ def test_a_blend_is_packed_and_says_what_it_is() -> None:
     assert found.mass_shares["gravel"] > found.shares["gravel"]
     assert found.figures is not None
     assert 2 < found.figures["k_value"] < 5
-    assert "sand 4" in repr(found)
+    assert "sand 53.7 %" in repr(found)
     mix = {**found.request["mix"], "volume_fraction": 0.3, "d_min_mm": 4}
     packing = packstone.pack(specimen=Box(80), mix=mix, seed=1)
     assert len(packing.grains) > 10
