@@ -22,7 +22,6 @@ from .builders import (
     Box,
     Cylinder,
     Distance,
-    Grading,
     Method,
     Mix,
     Proportions,
@@ -43,6 +42,7 @@ from .errors import (
     WaitTimeout,
 )
 from .exports import Export
+from .gradings import Grading
 from .jobs import Job
 from .local import forecast, pack
 from .local_studies import LocalStudy, study

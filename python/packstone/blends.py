@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Union
+from typing import TYPE_CHECKING, Any, Union
 
 from . import _native
+from ._requests import encoded
 from .local import refusals
 from .readings import MixBand
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 Limits = Union[MixBand, Sequence[tuple[float, float, float]]]
 
@@ -65,9 +69,9 @@ class Blend:
 
 def blend(
     aggregates: Mapping[str, Mapping[str, Any] | None],
-    target: Mapping[str, Any] | Limits,
+    target: Mapping[str, Any] | Limits | ArrayLike,
     densities_kg_m3: Mapping[str, float] | None,
-    sieves_mm: Sequence[float] | None,
+    sieves_mm: Sequence[float] | ArrayLike | None,
     packing_model: Mapping[str, float] | None,
 ) -> Blend:
     """Finds the shares; see :meth:`Mix.blend`."""
@@ -81,14 +85,14 @@ def blend(
             {"name": name, "grading": grading, "density_kg_m3": densities.get(name)}
             for name, grading in aggregates.items()
         ],
-        "target": points if isinstance(points, Mapping) else {"type": "band", "points": [list(row) for row in points]},
+        "target": points if isinstance(points, Mapping) else {"type": "band", "points": points},
     }
     if sieves_mm is not None:
-        request["sieves_mm"] = list(sieves_mm)
+        request["sieves_mm"] = sieves_mm
     if packing_model is not None:
         request["packing_model"] = packing_model
     with refusals():
-        found: dict[str, Any] = json.loads(_native.blend_mix(json.dumps(request)))
+        found: dict[str, Any] = json.loads(_native.blend_mix(encoded(request)))
     blended = dict(zip(aggregates, found["aggregates"]))
     return Blend(
         shares={name: one["share"] for name, one in blended.items()},

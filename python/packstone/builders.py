@@ -6,10 +6,12 @@ well. Bounds are checked by the engine, whose errors name the field, the value a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import blends, readings
+from ._fields import Fields
+from .gradings import Grading
 
 if TYPE_CHECKING:
     from datetime import datetime
@@ -42,32 +44,10 @@ if TYPE_CHECKING:
         postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
 
 
-StandardName = Literal[
-    "DIN 1045-2",
-    "ASTM C33",
-    "AASHTO M 43",
-    "EN 12620",
-    "EN 196-1",
-    "IS 383",
-    "BS 882",
-    "GB/T 14685",
-    "AREMA",
-]
-By = Literal["mass", "number"]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "side"]
 
 
-class _Fields(dict[str, Any]):
-    """A dictionary without the fields that are `None`."""
-
-    def __init__(self, **fields: Any) -> None:
-        super().__init__({name: value for name, value in fields.items() if value is not None})
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({super().__repr__()})"
-
-
-class Specimen(_Fields):
+class Specimen(Fields):
     """The region that is filled: a :class:`Box` or a :class:`Cylinder`."""
 
 
@@ -98,172 +78,14 @@ class Cylinder(Specimen):
         super().__init__(type="cylinder", diameter_mm=diameter_mm, height_mm=height_mm)
 
 
-class Grading(_Fields):
-    """The mass fraction of the aggregate that passes each sieve."""
-
-    @classmethod
-    def standard(
-        cls,
-        name: str,
-        standard: StandardName | None = None,
-        curve: Literal["lower", "middle", "upper"] | None = None,
-    ) -> Grading:
-        """A grading of a standard: a curve of DIN 1045-2, or one between the limits of a band.
-
-        `name` is that of the grading in the standard, as ``"A16"`` or, of ``"ASTM C33"``, ``"57"``;
-        :meth:`Client.capabilities` lists all. Of a band, `curve` is the middle unless it is named.
-        """
-        return cls(type="standard", standard=standard, name=name, curve=curve)
-
-    @classmethod
-    def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
-        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
-        return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
-
-    @classmethod
-    def andreasen(cls, d_min_mm: float, d_max_mm: float, exponent: float) -> Grading:
-        """The modified Andreasen curve: (d^q - d_min^q) / (d_max^q - d_min^q) is finer than d."""
-        return cls(type="andreasen", d_min_mm=d_min_mm, d_max_mm=d_max_mm, exponent=exponent)
-
-    @classmethod
-    def bolomey(cls, d_max_mm: float, a_percent: float) -> Grading:
-        """Bolomey's curve of aggregate and cement together: A + (1 - A) (d / d_max)^0.5 is finer than d."""
-        return cls(type="bolomey", d_max_mm=d_max_mm, a_percent=a_percent)
-
-    @classmethod
-    def faury(
-        cls, d_max_mm: float, a_percent: float, b_percent: float | None = None, mould_radius_mm: float | None = None
-    ) -> Grading:
-        """Faury's curve of aggregate and cement together; `mould_radius_mm` is the mould's volume over its area."""
-        return cls(
-            type="faury",
-            d_max_mm=d_max_mm,
-            a_percent=a_percent,
-            b_percent=b_percent,
-            mould_radius_mm=mould_radius_mm,
-        )
-
-    @classmethod
-    def dreux_gorisse(cls, d_max_mm: float, k_percent: float, d_min_mm: float | None = None) -> Grading:
-        """The curve of Dreux and Gorisse, with the correction K in percent."""
-        return cls(type="dreux_gorisse", d_min_mm=d_min_mm, d_max_mm=d_max_mm, k_percent=k_percent)
-
-    @classmethod
-    def lognormal(
-        cls,
-        median_mm: float,
-        sigma: float,
-        *,
-        by: By | None = None,
-        d_min_mm: float | None = None,
-        d_max_mm: float | None = None,
-    ) -> Grading:
-        """A lognormal law; `sigma` is the standard deviation of ln d.
-
-        The shares of the ``mass`` (the default) or of the ``number`` of grains follow it. The bounds that are not
-        given are the diameters that 0.1 % and 99.9 % are finer than.
-        """
-        return cls(type="lognormal", median_mm=median_mm, sigma=sigma, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
-
-    @classmethod
-    def normal(
-        cls,
-        mean_mm: float,
-        standard_deviation_mm: float,
-        *,
-        by: By | None = None,
-        d_min_mm: float | None = None,
-        d_max_mm: float | None = None,
-    ) -> Grading:
-        """A normal law between two bounds, which are those of :meth:`lognormal` where they are not given."""
-        return cls(
-            type="normal",
-            mean_mm=mean_mm,
-            standard_deviation_mm=standard_deviation_mm,
-            by=by,
-            d_min_mm=d_min_mm,
-            d_max_mm=d_max_mm,
-        )
-
-    @classmethod
-    def weibull(
-        cls,
-        scale_mm: float,
-        shape: float,
-        *,
-        by: By | None = None,
-        d_min_mm: float | None = None,
-        d_max_mm: float | None = None,
-    ) -> Grading:
-        """Weibull's law: 1 - exp(-(d / scale)^shape) is finer than d. Bounds as those of :meth:`lognormal`."""
-        return cls(type="weibull", scale_mm=scale_mm, shape=shape, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
-
-    @classmethod
-    def rosin_rammler(
-        cls,
-        characteristic_mm: float,
-        exponent: float,
-        *,
-        d_min_mm: float | None = None,
-        d_max_mm: float | None = None,
-    ) -> Grading:
-        """The law of Rosin and Rammler: Weibull's, by mass. 63.2 % of the mass pass `characteristic_mm`."""
-        return cls(
-            type="rosin_rammler",
-            characteristic_mm=characteristic_mm,
-            exponent=exponent,
-            d_min_mm=d_min_mm,
-            d_max_mm=d_max_mm,
-        )
-
-    @classmethod
-    def sizes(cls, sizes: Iterable[Sequence[float]], by: By | None = None) -> Grading:
-        """Single sizes: pairs of the diameter in mm and its share, by ``mass`` (the default) or ``number``.
-
-        Shares count by their ratios: numbers of grains are shares as well.
-        """
-        shares = [{"diameter_mm": float(diameter), "share": float(share)} for diameter, share in sizes]
-        return cls(type="sizes", sizes=shares, by=by)
-
-    @classmethod
-    def sieves(
-        cls,
-        points: Sequence[tuple[float, float]] | ArrayLike,
-        between: Literal["log", "linear"] | None = None,
-    ) -> Grading:
-        """A curve through sieves: pairs of the diameter in mm and what passes it, in any order.
-
-        All passings are from 0 to 1, or all in percent. Where 90 % or more pass the coarsest sieve, the next one of
-        the series is added, with a warning. Between two sieves the passing is linear in the logarithm of the diameter,
-        or in the diameter (``"linear"``).
-        """
-        return cls(type="sieves", points=points, between=between)
-
-    @classmethod
-    def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
-        """Size classes: triples of the lower and the upper diameter in mm and the mass fraction."""
-        names = ("d_min_mm", "d_max_mm", "mass_fraction")
-        return cls(type="classes", classes=[dict(zip(names, item, strict=True)) for item in classes])
-
-    @classmethod
-    def monodisperse(cls, diameter_mm: float) -> Grading:
-        """Equal spheres."""
-        return cls(type="monodisperse", diameter_mm=diameter_mm)
-
-    @classmethod
-    def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
-        """An explicit list of diameters. Its volume is that of the mix."""
-        return cls(type="diameters", diameters_mm=diameters_mm)
-
-
-class Addition(_Fields):
+class Addition(Fields):
     """A fine addition to the cement, such as fly ash, in a cubic metre of concrete."""
 
     def __init__(self, mass_kg_m3: float, density_kg_m3: float) -> None:
         super().__init__(mass_kg_m3=mass_kg_m3, density_kg_m3=density_kg_m3)
 
 
-class Proportions(_Fields):
+class Proportions(Fields):
     """The contents of a cubic metre of fresh concrete.
 
     The aggregate takes the volume that the other parts leave, or has `aggregate_cement` times the mass of the
@@ -294,7 +116,7 @@ class Proportions(_Fields):
         )
 
 
-class Ratios(_Fields):
+class Ratios(Fields):
     """How the ratios of the axes ``a >= b >= c`` of grains are distributed.
 
     The elongation is b/a, the flatness c/b, both 0.1 to 1. A law of one ratio is a number, or a mapping as
@@ -336,7 +158,7 @@ class Ratios(_Fields):
         return cls(type="shape_index", index=index, elongation=elongation)
 
 
-class Shape(_Fields):
+class Shape(Fields):
     """The shape of grains."""
 
     @classmethod
@@ -400,7 +222,7 @@ class Shape(_Fields):
         return cls(type="mixture", of=[{"share": share, "shape": shape} for share, shape in parts])
 
 
-class Aggregate(_Fields):
+class Aggregate(Fields):
     """One of several aggregates of a mix: a supply of grains with its own grading, shapes and density.
 
     `share` is its share of the volume of all aggregate; the shares of a mix sum to 1. In place of it, `mass_kg_m3` is
@@ -441,7 +263,7 @@ def _shapes(shapes: Sequence[tuple[float, Shape]] | None) -> list[dict[str, Any]
     return None if shapes is None else [{"above_mm": size, "shape": shape} for size, shape in shapes]
 
 
-class Mix(_Fields):
+class Mix(Fields):
     """The aggregate: its grading, its smallest and largest diameter, and its amount.
 
     `grading` is a :class:`Grading` or the name of a curve of DIN 1045-2; `aggregates` takes its place in a mix of several
@@ -494,10 +316,10 @@ class Mix(_Fields):
     @staticmethod
     def blend(
         aggregates: Mapping[str, str | Grading | Mapping[str, Any]],
-        target: str | Grading | Mapping[str, Any] | blends.Limits,
+        target: str | Grading | Mapping[str, Any] | blends.Limits | ArrayLike,
         *,
         densities_kg_m3: Mapping[str, float] | None = None,
-        sieves_mm: Sequence[float] | None = None,
+        sieves_mm: Sequence[float] | ArrayLike | None = None,
         packing_model: Mapping[str, float] | None = None,
     ) -> blends.Blend:
         """Finds the shares of stockpiles whose blend comes nearest to a curve or into a band.
@@ -532,7 +354,7 @@ class Mix(_Fields):
         return readings.read(table, sheet, curve, column, unit)
 
 
-class Distance(_Fields):
+class Distance(Fields):
     """The rule for the distance that the surfaces of two grains keep.
 
     `wall_gap_mm` is the gap to the walls. Its default is half of what a grain keeps from another of its size.
@@ -564,7 +386,7 @@ class Distance(_Fields):
         return cls(type="maximize", wall_gap_mm=wall_gap_mm)
 
 
-class Method(_Fields):
+class Method(Fields):
     """The method that computes the packing."""
 
     @classmethod
@@ -601,7 +423,7 @@ class Method(_Fields):
         It stops after `time_s` of packing, after a number of `events`, or if the simulated time per event and
         grain falls below `stall_dt_s`.
         """
-        stop = _Fields(time_s=time_s, events=events, stall_dt_s=stall_dt_s)
+        stop = Fields(time_s=time_s, events=events, stall_dt_s=stall_dt_s)
         return cls(
             type="edmd",
             initial_scale=initial_scale,
@@ -618,10 +440,10 @@ class Method(_Fields):
 
         It stops after `time_s` of packing, or after a number of `sweeps`.
         """
-        return cls(type="monte_carlo", stop=dict(_Fields(time_s=time_s, sweeps=sweeps)) or None)
+        return cls(type="monte_carlo", stop=dict(Fields(time_s=time_s, sweeps=sweeps)) or None)
 
 
-class Segregation(_Fields):
+class Segregation(Fields):
     """A gradient of the grain sizes in the specimen."""
 
     @classmethod
@@ -634,7 +456,7 @@ class Segregation(_Fields):
         cls, axis: Literal["x", "y", "z"], strength: float, *, direction: Literal["up", "down"] | None = None
     ) -> Segregation:
         """Coarse grains gather at one end of an axis, at 0 by default."""
-        field = _Fields(type="linear", axis=axis, direction=direction)
+        field = Fields(type="linear", axis=axis, direction=direction)
         return cls(type="gradient", field=dict(field), strength=strength)
 
     @classmethod

@@ -79,6 +79,17 @@ def test_limits_are_met_from_a_table_or_a_standard() -> None:
         Mix.blend(stock, "A16", densities_kg_m3={"sands": 2600})
 
 
+def test_arrays_of_numpy_are_taken() -> None:
+    sand: list[tuple[float, float]] = [(0.125, 0), (1, 0.6), (4, 1)]
+    gravel: list[tuple[float, float]] = [(2, 0), (8, 0.3), (16, 1)]
+    lists = {"sand": sand, "gravel": gravel}
+    limits = [(1, 0.2, 0.3), (8, 0.55, 0.7)]
+    by_lists = Mix.blend({name: Grading.sieves(points) for name, points in lists.items()}, limits, sieves_mm=[1, 8])
+    arrays = {name: Grading.sieves(np.array(points)) for name, points in lists.items()}
+    by_arrays = Mix.blend(arrays, np.array(limits), sieves_mm=np.array([1.0, 8.0]))
+    assert by_arrays == by_lists
+
+
 def test_the_service_answers_alike(server: LiveServer) -> None:
     found = Mix.blend({"a": "A8", "b": "C32"}, "B16", packing_model={"compaction_index": 4.1})
     aggregates = [{"name": "a", "grading": Grading.standard("A8")}, {"name": "b", "grading": Grading.standard("C32")}]

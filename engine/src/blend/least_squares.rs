@@ -4,7 +4,8 @@
 //! condition: the shares that are not 0 minimise the squares by themselves, and one more is added where this lowers
 //! them. Limits of a band make a function of pieces of squares; its minimum is found by Newton steps of weighted least
 //! squares with a search along each. A library that solves quadratic programs (clarabel) brings three versions of a
-//! parser of Rust into the build and answers shares of 1e-10 in place of 0; these two short methods are exact.
+//! parser of Rust into the build and answers shares of 1e-10 in place of 0; these two short methods are exact to
+//! rounding.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -12,7 +13,7 @@ use nalgebra::{DMatrix, DVector};
 const MIDDLE: f64 = 1.0e-6;
 /// Rounding of a derivative, over the largest entry of the matrix.
 const ROUNDING: f64 = 1.0e-14;
-/// Most Newton steps: each ends in another piece.
+/// Most Newton steps.
 const MOST_STEPS: usize = 1000;
 /// Halvings of the interval in which a search along a step ends.
 const HALVINGS: usize = 60;

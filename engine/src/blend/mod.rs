@@ -16,13 +16,11 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::elementary::ln;
+use crate::mix::sieve::STANDARD_SIEVES_MM;
 use crate::mix::{GradingFigures, Passing, curve, figures};
 use crate::request::{Aggregate, BlendRequest, Form, Grading, Mix, Stockpile, Target};
 use least_squares::{Limits, shares};
 
-/// Sieves at which a curve without points is to be met, in mm (ISO 565, R20/3 and those of concrete laboratories).
-const SIEVES_MM: [f64; 16] =
-    [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 2.8, 4.0, 5.6, 8.0, 11.2, 16.0, 22.4, 31.5, 45.0, 63.0];
 /// Residual above which a warning names the sieve.
 const LARGE_RESIDUAL: f64 = 0.05;
 
@@ -155,16 +153,19 @@ fn limits(request: &BlendRequest) -> Vec<Limits> {
     limits.collect()
 }
 
-/// The sieves of a curve: its own, or usual ones up to the first that all mass passes.
+/// The sieves of a curve: its own, or the standard ones up to the first that all mass passes.
 fn sieves_of(grading: &Grading) -> Vec<f64> {
     let form = grading.form();
     if let Form::Points { points, .. } = &form {
         return points.iter().map(|point| point[0]).collect();
     }
     let (low, high) = form.range_mm();
-    let upto = SIEVES_MM.iter().position(|&mm| mm >= high).map_or(SIEVES_MM.len(), |last| last + 1);
-    let from = SIEVES_MM[..upto].iter().rposition(|&mm| mm < low).unwrap_or(0);
-    let mut sieves = SIEVES_MM[from..upto].to_vec();
+    let upto = STANDARD_SIEVES_MM
+        .iter()
+        .position(|&mm| mm >= high)
+        .map_or(STANDARD_SIEVES_MM.len(), |last| last + 1);
+    let from = STANDARD_SIEVES_MM[..upto].iter().rposition(|&mm| mm < low).unwrap_or(0);
+    let mut sieves = STANDARD_SIEVES_MM[from..upto].to_vec();
     if sieves.last().is_none_or(|&last| last < high) {
         sieves.push(high);
     }

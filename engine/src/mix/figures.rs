@@ -12,11 +12,13 @@ use super::class::{Class, Law};
 use super::packing_model::packing_density;
 use super::{GradedMix, classes_above, sizes_of_list};
 use crate::elementary::cbrt;
-use crate::request::{Form, Grading, Mix, PackingModel};
+use crate::request::{Form, Grading, Mix, MixPart, PackingModel};
 use crate::sorting;
 
 /// Sieve that fines pass, in mm (EN 12620).
 pub const FINES_MM: f64 = 0.063;
+/// A share by which sums of shares may miss 1.
+const ROUNDING: f64 = 1.0e-12;
 /// Sieves of the fineness modulus of ASTM C125, in mm.
 const ASTM_C125_MM: [f64; 11] = [0.15, 0.3, 0.6, 1.18, 2.36, 4.75, 9.5, 19.0, 37.5, 75.0, 150.0];
 /// Sieves of that of EN 12620, in mm.
@@ -75,39 +77,26 @@ pub struct PasteFigures {
     pub maximum_thickness_mm: f64,
 }
 
-/// Sizes with their share of the volume of all aggregate, as classes and as single grains.
-struct Sizes {
-    classes: Vec<Class>,
-    /// Share of the volume that is finer than all of them.
-    finer: f64,
+/// The classes of a whole mix that stay on a sieve, with their shares of the volume of all aggregate.
+fn classes_of(mix: &Mix, sieve_mm: f64) -> Vec<Class> {
+    let of_part = |part: MixPart<'_>| {
+        let classes = match part.grading.form() {
+            Form::List(list) => listed(list),
+            form => classes_above(&form, sieve_mm),
+        };
+        let coarser = classes.into_iter().filter(|class| class.high_mm > sieve_mm);
+        coarser
+            .map(|class| Class { mass_fraction: part.share * class.mass_fraction, ..class })
+            .collect::<Vec<_>>()
+    };
+    mix.parts().into_iter().flat_map(of_part).collect()
 }
 
-impl Sizes {
-    /// The sizes of the whole mix above a diameter in mm.
-    fn above(mix: &Mix, from_mm: f64) -> Self {
-        let mut classes = Vec::new();
-        for part in mix.parts() {
-            let form = part.grading.form();
-            if let Form::List(list) = &form {
-                classes.extend(listed(list).into_iter().filter(|class| class.high_mm > from_mm));
-                continue;
-            }
-            classes.extend(
-                coarser_than(&form, from_mm)
-                    .into_iter()
-                    .map(|class| Class { mass_fraction: part.share * class.mass_fraction, ..class }),
-            );
-        }
-        let finer = 1.0 - sum(&classes);
-        Self { classes, finer: if finer < 1.0e-12 { 0.0 } else { finer } }
-    }
-
-    fn packing_density(&self, model: PackingModel) -> Option<f64> {
-        let middle = |class: &Class| ((class.low_mm * class.high_mm).sqrt(), class.mass_fraction);
-        let sizes: Vec<(f64, f64)> =
-            self.classes.iter().flat_map(Class::narrow).map(|c| middle(&c)).collect();
-        packing_density(&sizes, model)
-    }
+/// The packing density of grains in these classes; `None` where there are none.
+fn density_of(classes: &[Class], model: PackingModel) -> Option<f64> {
+    let middle = |class: &Class| ((class.low_mm * class.high_mm).sqrt(), class.mass_fraction);
+    let sizes: Vec<(f64, f64)> = classes.iter().flat_map(Class::narrow).map(|class| middle(&class)).collect();
+    packing_density(&sizes, model)
 }
 
 /// The grains of a list as classes of one size each; many sizes are taken together.
@@ -125,13 +114,6 @@ fn listed(list: &[f64]) -> Vec<Class> {
         part: 0,
     };
     sizes.iter().map(single).collect()
-}
-
-/// The classes of a grading with what stays on a sieve; grains that are as large as its openings pass.
-fn coarser_than(form: &Form<'_>, sieve_mm: f64) -> Vec<Class> {
-    let mut classes = classes_above(form, sieve_mm);
-    classes.retain(|class| class.high_mm > sieve_mm);
-    classes
 }
 
 fn sum(classes: &[Class]) -> f64 {
@@ -177,7 +159,12 @@ impl<'a> Passing<'a> {
                     coarser + class.above(sieve_mm).map_or(0.0, |class| class.mass_fraction)
                 })
             }
-            form => sum(&coarser_than(form, sieve_mm)),
+            // Grains that are as large as the openings of a sieve pass it.
+            form => {
+                let mut classes = classes_above(form, sieve_mm);
+                classes.retain(|class| class.high_mm > sieve_mm);
+                sum(&classes)
+            }
         };
         (1.0 - coarser).clamp(0.0, 1.0)
     }
@@ -190,16 +177,17 @@ pub fn figures(mix: &Mix) -> Option<GradingFigures> {
     let retained =
         |mm: f64| parts.iter().map(|(share, passing)| share * (1.0 - passing.share(mm))).sum::<f64>();
     let modulus = |sieves: &[f64]| sieves.iter().map(|&mm| retained(mm)).sum::<f64>();
-    let sizes = Sizes::above(mix, FINES_MM);
-    let counted = sum(&sizes.classes);
-    let packing_density = sizes.packing_density(mix.packing_model)?;
+    let classes = classes_of(mix, FINES_MM);
+    let counted = sum(&classes);
+    let packing_density = density_of(&classes, mix.packing_model)?;
     // Of spheres: 6 / d by the mean of the volume.
     let per_mm = |class: &Class| {
         class.mass_fraction * std::f64::consts::PI * class.grains_per_volume() * class.mean_of(&|d| d * d)
     };
-    let surface_m2_m3 = 1000.0 * sizes.classes.iter().map(per_mm).sum::<f64>() / counted;
+    let surface_m2_m3 = 1000.0 * classes.iter().map(per_mm).sum::<f64>() / counted;
     Some(GradingFigures {
-        fines: sizes.finer,
+        // Sums of shares miss 1 by rounding.
+        fines: Some(1.0 - counted).filter(|fines| *fines > ROUNDING).unwrap_or(0.0),
         fineness_modulus: modulus(&ASTM_C125_MM),
         fineness_modulus_en_12620: modulus(&EN_12620_MM),
         k_value: modulus(&DIN_1045_MM),
@@ -227,8 +215,8 @@ fn density_kg_m3(mix: &Mix, parts: &[(f64, Passing<'_>)]) -> Option<f64> {
 pub(crate) fn figures_in_specimen(mix: &Mix, graded: &GradedMix, has_amount: bool) -> Option<GradingFigures> {
     let figures = figures(mix)?;
     let placed = match &graded.list {
-        Some(list) => Sizes { classes: listed(list), finer: 0.0 },
-        None => Sizes { classes: graded.sieve_classes.clone(), finer: 0.0 },
+        Some(list) => density_of(&listed(list), mix.packing_model),
+        None => density_of(&graded.sieve_classes, mix.packing_model),
     };
     let largest_mm = mix.parts().iter().map(|part| part.grading.form().range_mm().1).fold(0.0, f64::max);
     let paste = has_amount.then(|| {
@@ -242,11 +230,7 @@ pub(crate) fn figures_in_specimen(mix: &Mix, graded: &GradedMix, has_amount: boo
             maximum_thickness_mm: (largest_mm * (cbrt(figures.packing_density / aggregate) - 1.0)).max(0.0),
         }
     });
-    Some(GradingFigures {
-        packing_density_placed: placed.packing_density(mix.packing_model),
-        paste,
-        ..figures
-    })
+    Some(GradingFigures { packing_density_placed: placed, paste, ..figures })
 }
 
 #[cfg(test)]

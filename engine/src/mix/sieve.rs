@@ -10,7 +10,7 @@ use crate::shape::exceeds;
 use crate::sorting;
 
 /// Standard sieves (ISO 565 principal sizes as concrete labs use them), in mm.
-const STANDARD_SIEVES_MM: [f64; 13] =
+pub(crate) const STANDARD_SIEVES_MM: [f64; 13] =
     [0.063, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 31.5, 63.0, 125.0, 250.0];
 
 /// One bin of diameters with what the mix asks of it.

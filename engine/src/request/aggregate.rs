@@ -5,7 +5,7 @@
 
 use serde::Serialize;
 
-use super::decode::{At, Bound, Object, all, bounded, rounded};
+use super::decode::{At, Bound, Items, Object, all, bounded, rounded};
 use super::grading::{check_d_min, read_d_min, read_grading};
 use super::proportions::{DENSITY, MASS};
 use super::shape::read_mix_shapes;
@@ -199,28 +199,12 @@ pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Aggr
             aggregate.share /= all_m3;
         }
     }
-    for (number, aggregate) in aggregates.iter().enumerate() {
-        let same = |other: &Aggregate| other.name.is_some() && other.name == aggregate.name;
-        if aggregates[..number].iter().any(same) {
-            items
-                .at(number)
-                .object()?
-                .required("name")?
-                .fault("is the name of another aggregate: must differ");
-            return None;
-        }
-    }
+    let described: Vec<_> =
+        aggregates.iter().map(|one| (one.name.as_deref(), one.density_kg_m3.is_some())).collect();
+    check_described(at, &items, &described)?;
     let sum: f64 = aggregates.iter().map(|aggregate| aggregate.share).sum();
     if (sum - 1.0).abs() > SUM_TOLERANCE {
         at.fault(format!("the shares sum to {}: must sum to 1", rounded(sum)));
-        return None;
-    }
-    let with_density = aggregates.iter().filter(|aggregate| aggregate.density_kg_m3.is_some()).count();
-    if with_density != 0 && with_density != aggregates.len() {
-        at.fault(format!(
-            "{with_density} of {} aggregates have a density_kg_m3: must be given for all or for none",
-            aggregates.len()
-        ));
         return None;
     }
     let is_below = |aggregate: &Aggregate| {
@@ -233,6 +217,29 @@ pub(super) fn read_aggregates(at: &At<'_>, d_min_mm: Option<f64>) -> Option<Aggr
         return None;
     }
     Some(Aggregates { list: aggregates, mass_kg_m3 })
+}
+
+/// No two aggregates have the same name, and all or none have a density: of each its name, and whether it has one.
+pub(super) fn check_described(
+    at: &At<'_>,
+    items: &Items<'_>,
+    described: &[(Option<&str>, bool)],
+) -> Option<()> {
+    for (number, (name, _)) in described.iter().enumerate() {
+        if name.is_some() && described[..number].iter().any(|(other, _)| other == name) {
+            items.at(number).fault_below("/name", "is the name of another aggregate: must differ");
+            return None;
+        }
+    }
+    let with_density = described.iter().filter(|(_, has_density)| *has_density).count();
+    if with_density != 0 && with_density != described.len() {
+        at.fault(format!(
+            "{with_density} of {} aggregates have a density_kg_m3: must be given for all or for none",
+            described.len()
+        ));
+        return None;
+    }
+    Some(())
 }
 
 /// Reads an aggregate, with its mass in a cubic metre of concrete where it is given in place of its share: the share is

@@ -2,15 +2,14 @@
 
 use serde_json::Value;
 
-use super::aggregate::read_name;
+use super::aggregate::{check_described, read_name};
 use super::decode::{At, Bound, Faults, Object, all, bounded};
-use super::grading::{LENGTH, read_grading};
+use super::grading::{LENGTH, read_grading, read_named};
 use super::packing_model::PackingModel;
 use super::proportions::DENSITY;
 #[cfg(feature = "openapi")]
 use super::schema;
-use super::sieves::complete_below;
-use super::standard::{self, Standard};
+use super::sieves::{are_percents, complete_below};
 use super::{FieldError, Grading, MAX_AGGREGATES, MAX_CURVE_POINTS};
 use crate::sorting;
 
@@ -27,8 +26,8 @@ pub struct BlendRequest {
     /// What is to be met.
     #[cfg_attr(feature = "openapi", schema(value_type = schema::TargetInput))]
     pub target: Target,
-    /// The sieves in mm at which it is to be met, at most 1000; those of the target when absent, or usual ones where it
-    /// is a law.
+    /// The sieves in mm at which it is to be met, at most 1000; those of the target when absent, or standard ones where
+    /// it is a law.
     #[cfg_attr(feature = "openapi", schema(required = false, value_type = schema::OneOrMore<f64>))]
     pub sieves_mm: Vec<f64>,
     /// How the blend is taken to be compacted, for its figures.
@@ -111,21 +110,9 @@ impl BlendRequest {
 fn read_stockpiles(at: &At<'_>) -> Option<Vec<Stockpile>> {
     let items = bounded(at, "aggregates", MAX_AGGREGATES)?;
     let aggregates = all(items.iter().map(|item| read_stockpile(&item)))?;
-    for (number, aggregate) in aggregates.iter().enumerate() {
-        let same = |other: &Stockpile| other.name.is_some() && other.name == aggregate.name;
-        if aggregates[..number].iter().any(same) {
-            items.at(number).fault_below("/name", "is the name of another aggregate: must differ");
-            return None;
-        }
-    }
-    let with_density = aggregates.iter().filter(|aggregate| aggregate.density_kg_m3.is_some()).count();
-    if with_density != 0 && with_density != aggregates.len() {
-        at.fault(format!(
-            "{with_density} of {} aggregates have a density_kg_m3: must be given for all or for none",
-            aggregates.len()
-        ));
-        return None;
-    }
+    let described: Vec<_> =
+        aggregates.iter().map(|one| (one.name.as_deref(), one.density_kg_m3.is_some())).collect();
+    check_described(at, &items, &described)?;
     Some(aggregates)
 }
 
@@ -173,37 +160,33 @@ fn read_target(at: &At<'_>) -> Option<Target> {
     }
     let mut object = at.object()?;
     object.required("type");
-    let points_at = object.optional("points");
-    let name_at = object.optional("name");
-    let standard_at = object.optional("standard");
+    let target = match object.optional("points") {
+        Some(at) => object
+            .refuse_all(&["standard", "name"], "the band has points: leave one of the two out")
+            .then(|| read_band(&at))
+            .flatten(),
+        None => read_band_of_standard(&mut object),
+    };
     object.finish();
-    match (points_at, name_at) {
-        (Some(at), None) if standard_at.is_none() => read_band(&at),
-        (None, Some(name_at)) => {
-            let standard = match standard_at {
-                Some(at) => at.choice(&Standard::NAMES)?,
-                None => Standard::default(),
-            };
-            let names: Vec<_> =
-                standard::of_standard(standard).map(|grading| (grading.name, grading)).collect();
-            let grading = name_at.choice(&names)?;
-            if grading.is_curve() {
-                name_at.fault(format!(
-                    "{} is one curve and no band: set the type to \"standard\"",
-                    grading.name
-                ));
-                return None;
-            }
-            let share = |percent: u8| f64::from(percent) / 100.0;
-            Some(Target::Band(
-                grading.limits.iter().map(|&(mm, low, high)| [mm, share(low), share(high)]).collect(),
-            ))
-        }
-        _ => {
-            at.fault("must have either points, or the name of a grading with its standard");
-            None
-        }
+    target
+}
+
+/// Reads the band of a grading of a standard.
+fn read_band_of_standard(object: &mut Object<'_>) -> Option<Target> {
+    if !object.has("name") {
+        object.optional("standard");
+        object.optional("name");
+        object.at().fault("must have either points, or the name of a grading with its standard");
+        return None;
     }
+    let (grading, name_at) = read_named(object)?;
+    if grading.is_curve() {
+        name_at.fault(format!("{} is one curve and no band: set the type to \"standard\"", grading.name));
+        return None;
+    }
+    let share = |percent: u8| f64::from(percent) / 100.0;
+    let limits = grading.limits.iter().map(|&(mm, low, high)| [mm, share(low), share(high)]);
+    Some(Target::Band(limits.collect()))
 }
 
 /// Reads the limits of a band: `[sieve in mm, least, most]`.
@@ -236,19 +219,8 @@ fn read_band(at: &At<'_>) -> Option<Target> {
             return None;
         }
     }
-    let is_percent = rows.iter().any(|([_, _, high], _)| *high > 1.0);
-    if is_percent {
-        // What a reader sees who takes the values up to 1 for fractions.
-        let mixed = |value: f64| if value > 1.0 { value } else { 100.0 * value };
-        let limit = |row: &([f64; 3], usize), limit: usize| mixed(row.0[limit]);
-        let has_fractions = rows.iter().any(|(row, _)| row[1..].iter().any(|&p| p > 0.0 && p < 1.0));
-        let rises = |of: usize| rows.windows(2).all(|pair| limit(&pair[0], of) <= limit(&pair[1], of));
-        if has_fractions && rises(1) && rises(2) && rows.iter().all(|row| limit(row, 1) <= limit(row, 2)) {
-            at.fault("has values up to 1 that can be fractions or percents: must be all fractions (0 to 1) or all percents");
-            return None;
-        }
-    }
-    let scale = if is_percent { 0.01 } else { 1.0 };
+    let column = |limit: usize| -> Vec<f64> { rows.iter().map(|(row, _)| row[limit]).collect() };
+    let scale = if are_percents(at, &[&column(1), &column(2)])? { 0.01 } else { 1.0 };
     Some(Target::Band(rows.into_iter().map(|([mm, low, high], _)| [mm, scale * low, scale * high]).collect()))
 }
 

@@ -39,9 +39,10 @@ fn faults_name_the_field_and_what_to_change() {
     );
     assert!(
         of_target(json!({"type": "band", "points": [[1, 0.2, 0.3], [4, 40, 60]]}))[0]
-            .contains("fractions or percents")
+            .contains("all fractions (0 to 1) or all percents")
     );
-    let outside = json!({"aggregates": [pile], "sieves_mm": [2, 8], "target": {"type": "band", "points": [[1, 0, 1], [4, 1, 1]]}});
+    let band = json!({"type": "band", "points": [[1, 0, 1], [4, 1, 1]]});
+    let outside = json!({"aggregates": [pile], "sieves_mm": [2, 8], "target": band});
     assert_eq!(faults(&outside), ["/sieves_mm/1: 8 is out of range: the band has limits from 1 to 4 mm"]);
     let piles = json!([
         {"name": "a", "density_kg_m3": 2600, "grading": pile["grading"]},

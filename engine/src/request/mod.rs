@@ -26,7 +26,7 @@ mod sieves;
 use serde::{Deserialize, Serialize};
 
 pub use crate::shape::SizeMeasure;
-pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart, mean_density_kg_m3};
+pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use blend::{BlendRequest, Stockpile, Target};
 pub use decode::FieldError;

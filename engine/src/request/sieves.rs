@@ -65,23 +65,7 @@ pub(super) fn read_sieves(at: &At<'_>) -> Option<SieveCurve> {
         }
     }
     let mut passing: Vec<f64> = rows.iter().map(|([_, passing], _)| *passing).collect();
-    if passing.iter().any(|&p| p > 1.0) {
-        // What a reader sees who takes the values up to 1 for fractions.
-        let mixed: Vec<f64> = passing.iter().map(|&p| if p > 1.0 { p } else { 100.0 * p }).collect();
-        let has_fractions = passing.iter().any(|&p| p > 0.0 && p < 1.0);
-        let rises = |values: &[f64]| values.is_sorted() && values[0] < 100.0;
-        if has_fractions && rises(&mixed) && rises(&passing) {
-            let fine = passing.partition_point(|&p| p <= 1.0);
-            let percents: Vec<f64> = mixed[..fine].iter().map(|&p| rounded(p)).collect();
-            at.fault(format!(
-                "the passings {} can be fractions among percents, {} %, or percents, {} %: must be all fractions (0 \
-                 to 1) or all percents",
-                listed(&passing[..fine]),
-                listed(&percents),
-                listed(&passing[..fine]),
-            ));
-            return None;
-        }
+    if are_percents(at, &[&passing])? {
         for p in &mut passing {
             *p /= 100.0;
         }
@@ -117,6 +101,33 @@ pub(super) fn read_sieves(at: &At<'_>) -> Option<SieveCurve> {
         completed_mm.push(next);
     }
     Some(SieveCurve { points, completed_mm })
+}
+
+/// Whether what passes the sieves, from the finest to the coarsest, is in percent: in one column, or in those of
+/// limits.
+///
+/// `None` means that the values rise both as percents and with those up to 1 as fractions, which was reported.
+pub(super) fn are_percents(at: &At<'_>, columns: &[&[f64]]) -> Option<bool> {
+    if columns.iter().all(|column| column.iter().all(|&p| p <= 1.0)) {
+        return Some(false);
+    }
+    let as_percent = |&p: &f64| if p > 1.0 { p } else { 100.0 * p };
+    let rises = |column: &&[f64]| column.is_sorted() && column.iter().map(as_percent).is_sorted();
+    let is_fraction = |p: &f64| *p > 0.0 && *p < 1.0;
+    let values = columns.iter().flat_map(|column| column.iter());
+    if !values.clone().any(is_fraction) || !columns.iter().all(rises) {
+        return Some(true);
+    }
+    let fine: Vec<f64> = values.copied().filter(|&p| p <= 1.0).collect();
+    let percents: Vec<f64> = fine.iter().map(|&p| rounded(100.0 * p)).collect();
+    at.fault(format!(
+        "the passings {} can be fractions among percents, {} %, or percents, {} %: must be all fractions (0 to 1) or \
+         all percents",
+        listed(&fine),
+        listed(&percents),
+        listed(&fine),
+    ));
+    None
 }
 
 /// Adds the next finer sieve, which nothing passes, to a curve whose finest sieve some mass passes; `None` where too

@@ -16,7 +16,7 @@ use super::sieves::{MOST_UNDERSIZE, complete_below};
 use super::{DEFAULT_D_MIN_MM, MAX_LENGTH_MM, MIN_FULLER_EXPONENT, MIN_LENGTH_MM};
 
 pub use law::{By, Distribution, DistributionLaw, Form};
-pub(super) use read::read_grading;
+pub(super) use read::{read_grading, read_named};
 pub use standard::{LimitCurve, Standard};
 
 /// A diameter, a sieve or an edge.

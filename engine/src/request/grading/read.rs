@@ -4,7 +4,7 @@ use super::read_law::{
     read_andreasen, read_bolomey, read_by, read_dreux_gorisse, read_faury, read_lognormal, read_normal,
     read_rosin_rammler, read_weibull,
 };
-use super::standard::{self, LimitCurve, Standard};
+use super::standard::{self, LimitCurve, Standard, StandardGrading};
 use super::{Between, EXPONENT, Grading, LENGTH, SUM_TOLERANCE, SizeClass, SizeShare, length, number};
 use crate::request::decode::{At, Bound, Object, bounded};
 use crate::request::sieves::{SieveCurve, read_sieves};
@@ -145,11 +145,7 @@ fn read_diameters(object: &mut Object<'_>) -> Option<Grading> {
 }
 
 fn read_standard(object: &mut Object<'_>) -> Option<Grading> {
-    let standard_at = object.optional("standard");
-    let standard = match &standard_at {
-        Some(at) => at.choice(&Standard::NAMES),
-        None => Some(Standard::default()),
-    };
+    let grading = read_named(object);
     let curve_at = object.optional("curve");
     let curve = match &curve_at {
         Some(at) => at
@@ -161,8 +157,31 @@ fn read_standard(object: &mut Object<'_>) -> Option<Grading> {
             .map(Some),
         None => Some(None),
     };
-    let name_at = object.required("name")?;
-    let (standard, curve) = (standard?, curve?);
+    let ((grading, _), curve) = (grading?, curve?);
+    match (curve, curve_at) {
+        (Some(_), Some(at)) if grading.is_curve() => {
+            at.fault(format!("{} is one curve and no band: leave this field out", grading.name));
+            None
+        }
+        (curve, _) => Some(Grading::Standard {
+            standard: grading.standard,
+            name: grading.name,
+            curve: curve.or((!grading.is_curve()).then(LimitCurve::default)),
+        }),
+    }
+}
+
+/// Reads which grading of a standard is meant, with the place of its name.
+pub(in crate::request) fn read_named<'a>(
+    object: &mut Object<'a>,
+) -> Option<(&'static StandardGrading, At<'a>)> {
+    let standard_at = object.optional("standard");
+    let name_at = object.required("name");
+    let standard = match &standard_at {
+        Some(at) => at.choice(&Standard::NAMES),
+        None => Some(Standard::default()),
+    };
+    let (standard, name_at) = (standard?, name_at?);
     let names: Vec<_> = standard::of_standard(standard).map(|grading| (grading.name, grading)).collect();
     if standard_at.is_none()
         && let Some(name) = name_at.value().as_str()
@@ -176,17 +195,7 @@ fn read_standard(object: &mut Object<'_>) -> Option<Grading> {
         return None;
     }
     let grading = name_at.choice(&names)?;
-    match (curve, curve_at) {
-        (Some(_), Some(at)) if grading.is_curve() => {
-            at.fault(format!("{} is one curve and no band: leave this field out", grading.name));
-            None
-        }
-        (curve, _) => Some(Grading::Standard {
-            standard,
-            name: grading.name,
-            curve: curve.or((!grading.is_curve()).then(LimitCurve::default)),
-        }),
-    }
+    Some((grading, name_at))
 }
 
 fn read_fuller(object: &mut Object<'_>) -> Option<Grading> {

@@ -4,18 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use packstone_engine::blend::Blend;
-use packstone_engine::importer::{self, Level, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Verdict};
+use packstone_engine::importer::{self, Curve, Level, MixReading, ReadOptions, Verdict};
 use packstone_engine::request::BlendRequest;
 use packstone_engine::request::aggregate::MAX_AGGREGATE_NAME;
 use packstone_engine::request::standard::GRADINGS;
 use serde_json::{Value, json};
 
 use super::super::exit::{Exit, Failure};
-use super::super::input::read_at_most;
 use super::super::outputs::refuse_existing;
 use super::super::print;
 use super::super::run::{listed, warn};
-use super::{job, text};
+use super::{job, read_table, text};
 use crate::strict_json;
 
 /// Options of `packstone mix blend`.
@@ -58,7 +57,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
 /// The request, and the file that its faults are those of.
 fn request(options: &Options) -> Result<(Value, &Path), Failure> {
     let first = &options.files[0];
-    let bytes = read(first)?;
+    let bytes = read_table(first)?;
     let without_mark = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     if without_mark.trim_ascii_start().starts_with(b"{") {
         if options.files.len() > 1 || options.target.is_some() {
@@ -73,24 +72,14 @@ fn request(options: &Options) -> Result<(Value, &Path), Failure> {
     let mut aggregates = Vec::new();
     let mut bands = Vec::new();
     for file in &options.files {
-        let found = curves(file, &if file == first { bytes.clone() } else { read(file)? })?;
+        let found = curves(file, &if file == first { bytes.clone() } else { read_table(file)? })?;
         let several = found.curves.len() > 1;
         for (number, curve) in found.curves.into_iter().enumerate() {
             let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-            let name = curve.name.unwrap_or_else(|| {
-                if several { format!("{stem} {}", number + 1) } else { stem.into_owned() }
-            });
-            let name: String = name.chars().take(MAX_AGGREGATE_NAME - 4).collect();
-            let known = aggregates.iter().filter(|one: &&Value| {
-                one["name"]
-                    .as_str()
-                    .is_some_and(|known| known == name || known.starts_with(&format!("{name} (")))
-            });
-            let name = match known.count() {
-                0 => name,
-                count => format!("{name} ({})", count + 1),
-            };
-            aggregates.push(json!({"name": name, "grading": grading(&curve.points)}));
+            let numbered =
+                || if several { format!("{stem} {}", number + 1) } else { stem.clone().into_owned() };
+            let name = unused(&curve.name.clone().unwrap_or_else(numbered), &aggregates);
+            aggregates.push(json!({"name": name, "grading": grading(&curve)}));
         }
         bands.extend(found.bands);
     }
@@ -100,7 +89,8 @@ fn request(options: &Options) -> Result<(Value, &Path), Failure> {
         (None, bands) => {
             let what = if bands.is_empty() { "no limits" } else { "several limits" };
             let text = format!(
-                "the tables have {what}: name what the blend is to meet by --target, as --target A16 or --target band.csv"
+                "the tables have {what}: name what the blend is to meet by --target, as --target A16 or --target \
+                 band.csv"
             );
             return Err(Exit::BadInput.because(text));
         }
@@ -111,17 +101,16 @@ fn request(options: &Options) -> Result<(Value, &Path), Failure> {
     Ok((json!({"aggregates": aggregates, "target": target}), first))
 }
 
-fn grading(points: &[[f64; 2]]) -> Value {
-    json!({"type": "sieves", "points": points})
+/// The name, or the name with the first number that no aggregate has.
+fn unused(name: &str, aggregates: &[Value]) -> String {
+    let name: String = name.chars().take(MAX_AGGREGATE_NAME - " (16)".len()).collect();
+    let is_free = |name: &String| aggregates.iter().all(|one| one["name"] != **name);
+    let numbered = (2..).map(|number| format!("{name} ({number})"));
+    std::iter::once(name.clone()).chain(numbered).find(is_free).unwrap_or_default()
 }
 
-fn read(file: &Path) -> Result<Vec<u8>, Failure> {
-    let bytes = read_at_most(file, MAX_WORKBOOK_BYTES as u64)?;
-    if bytes.len() > MAX_WORKBOOK_BYTES {
-        let text = format!("{} is refused: it has more than {MAX_WORKBOOK_BYTES} bytes", file.display());
-        return Err(Exit::BadInput.because(text));
-    }
-    Ok(bytes)
+fn grading(curve: &Curve) -> Value {
+    json!({"type": "sieves", "points": curve.points, "completed_mm": curve.completed})
 }
 
 /// The curves and limits of a table. Several curves in columns or sheets of their own are no choice here: all are
@@ -133,10 +122,8 @@ fn curves(file: &Path, bytes: &[u8]) -> Result<MixReading, Failure> {
     places.dedup();
     let are_apart = places.len() == reading.curves.len();
     let has_any = !(reading.curves.is_empty() && reading.bands.is_empty());
-    let is_alone = matches!(reading.verdict, Verdict::Ok | Verdict::Warn)
-        || reading.curves.len() != 1
-        || reading.candidates.len() == 1;
-    if reading.verdict != Verdict::Refuse && are_apart && has_any && is_alone {
+    let are_curves = reading.candidates.iter().all(|candidate| candidate.recipe.is_none());
+    if reading.verdict != Verdict::Refuse && are_apart && has_any && are_curves {
         return Ok(reading);
     }
     let file = file.display();
@@ -170,9 +157,9 @@ fn named(target: &Path) -> Result<Value, Failure> {
         );
         return Err(Exit::BadInput.because(text));
     }
-    let reading = curves(target, &read(target)?)?;
+    let reading = curves(target, &read_table(target)?)?;
     match (reading.curves.as_slice(), reading.bands.as_slice()) {
-        ([curve], []) => Ok(grading(&curve.points)),
+        ([curve], []) => Ok(grading(curve)),
         (_, [band]) => Ok(json!({"type": "band", "points": band.points})),
         (curves, bands) => Err(Exit::BadInput.because(format_args!(
             "--target {name}: has {} curves and {} bands: must have one of both",

@@ -5,9 +5,13 @@ mod job;
 mod read;
 mod text;
 
-use clap::{Args, Subcommand};
+use std::path::Path;
 
-use super::exit::Failure;
+use clap::{Args, Subcommand};
+use packstone_engine::importer::MAX_WORKBOOK_BYTES;
+
+use super::exit::{Exit, Failure};
+use super::input::read_at_most;
 
 /// Options of `packstone mix`.
 #[derive(Args)]
@@ -29,4 +33,14 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
         Command::Read(options) => read::run(options),
         Command::Blend(options) => blend::run(options),
     }
+}
+
+/// The bytes of a table.
+fn read_table(file: &Path) -> Result<Vec<u8>, Failure> {
+    let bytes = read_at_most(file, MAX_WORKBOOK_BYTES as u64)?;
+    if bytes.len() > MAX_WORKBOOK_BYTES {
+        let text = format!("{} is refused: it has more than {MAX_WORKBOOK_BYTES} bytes", file.display());
+        return Err(Exit::BadInput.because(text));
+    }
+    Ok(bytes)
 }

@@ -4,15 +4,12 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, builder::PossibleValuesParser};
-use packstone_engine::importer::{
-    self, Candidate, Level, MAX_WORKBOOK_BYTES, MixReading, ReadOptions, Unit, Verdict,
-};
+use packstone_engine::importer::{self, Candidate, Level, MixReading, ReadOptions, Unit, Verdict};
 
 use super::super::exit::{Exit, Failure};
-use super::super::input::read_at_most;
 use super::super::outputs::refuse_existing;
 use super::super::print;
-use super::{job, text};
+use super::{job, read_table, text};
 
 /// Longest input for whose candidates the options are looked for by reading it again.
 const MOST_READ_AGAIN_BYTES: usize = 64 << 10;
@@ -55,11 +52,7 @@ pub(super) struct Options {
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
     refuse_existing(&options.out, options.force)?;
     let file = &options.file;
-    let bytes = read_at_most(file, MAX_WORKBOOK_BYTES as u64)?;
-    if bytes.len() > MAX_WORKBOOK_BYTES {
-        let text = format!("{} is refused: it has more than {MAX_WORKBOOK_BYTES} bytes", file.display());
-        return Err(Exit::BadInput.because(text));
-    }
+    let bytes = read_table(file)?;
     let given = ReadOptions {
         sheet: options.sheet.clone(),
         curve: options.curve.clone(),

@@ -1,0 +1,182 @@
+"""Gradings: the share of the mass of the aggregate that passes each sieve, by tables, standards, curves and laws."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Literal
+
+from ._fields import Fields
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+StandardName = Literal[
+    "DIN 1045-2",
+    "ASTM C33",
+    "AASHTO M 43",
+    "EN 12620",
+    "EN 196-1",
+    "IS 383",
+    "BS 882",
+    "GB/T 14685",
+    "AREMA",
+]
+By = Literal["mass", "number"]
+
+
+class Grading(Fields):
+    """The mass fraction of the aggregate that passes each sieve."""
+
+    @classmethod
+    def standard(
+        cls,
+        name: str,
+        standard: StandardName | None = None,
+        curve: Literal["lower", "middle", "upper"] | None = None,
+    ) -> Grading:
+        """A grading of a standard: a curve of DIN 1045-2, or one between the limits of a band.
+
+        `name` is that of the grading in the standard, as ``"A16"`` or, of ``"ASTM C33"``, ``"57"``;
+        :meth:`Client.capabilities` lists all. Of a band, `curve` is the middle unless it is named.
+        """
+        return cls(type="standard", standard=standard, name=name, curve=curve)
+
+    @classmethod
+    def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
+        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
+        return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def andreasen(cls, d_min_mm: float, d_max_mm: float, exponent: float) -> Grading:
+        """The modified Andreasen curve: (d^q - d_min^q) / (d_max^q - d_min^q) is finer than d."""
+        return cls(type="andreasen", d_min_mm=d_min_mm, d_max_mm=d_max_mm, exponent=exponent)
+
+    @classmethod
+    def bolomey(cls, d_max_mm: float, a_percent: float) -> Grading:
+        """Bolomey's curve of aggregate and cement together: A + (1 - A) (d / d_max)^0.5 is finer than d."""
+        return cls(type="bolomey", d_max_mm=d_max_mm, a_percent=a_percent)
+
+    @classmethod
+    def faury(
+        cls, d_max_mm: float, a_percent: float, b_percent: float | None = None, mould_radius_mm: float | None = None
+    ) -> Grading:
+        """Faury's curve of aggregate and cement together; `mould_radius_mm` is the mould's volume over its area."""
+        return cls(
+            type="faury",
+            d_max_mm=d_max_mm,
+            a_percent=a_percent,
+            b_percent=b_percent,
+            mould_radius_mm=mould_radius_mm,
+        )
+
+    @classmethod
+    def dreux_gorisse(cls, d_max_mm: float, k_percent: float, d_min_mm: float | None = None) -> Grading:
+        """The curve of Dreux and Gorisse, with the correction K in percent."""
+        return cls(type="dreux_gorisse", d_min_mm=d_min_mm, d_max_mm=d_max_mm, k_percent=k_percent)
+
+    @classmethod
+    def lognormal(
+        cls,
+        median_mm: float,
+        sigma: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """A lognormal law; `sigma` is the standard deviation of ln d.
+
+        The shares of the ``mass`` (the default) or of the ``number`` of grains follow it. The bounds that are not
+        given are the diameters that 0.1 % and 99.9 % are finer than.
+        """
+        return cls(type="lognormal", median_mm=median_mm, sigma=sigma, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
+
+    @classmethod
+    def normal(
+        cls,
+        mean_mm: float,
+        standard_deviation_mm: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """A normal law between two bounds, which are those of :meth:`lognormal` where they are not given."""
+        return cls(
+            type="normal",
+            mean_mm=mean_mm,
+            standard_deviation_mm=standard_deviation_mm,
+            by=by,
+            d_min_mm=d_min_mm,
+            d_max_mm=d_max_mm,
+        )
+
+    @classmethod
+    def weibull(
+        cls,
+        scale_mm: float,
+        shape: float,
+        *,
+        by: By | None = None,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """Weibull's law: 1 - exp(-(d / scale)^shape) is finer than d. Bounds as those of :meth:`lognormal`."""
+        return cls(type="weibull", scale_mm=scale_mm, shape=shape, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
+
+    @classmethod
+    def rosin_rammler(
+        cls,
+        characteristic_mm: float,
+        exponent: float,
+        *,
+        d_min_mm: float | None = None,
+        d_max_mm: float | None = None,
+    ) -> Grading:
+        """The law of Rosin and Rammler: Weibull's, by mass. 63.2 % of the mass pass `characteristic_mm`."""
+        return cls(
+            type="rosin_rammler",
+            characteristic_mm=characteristic_mm,
+            exponent=exponent,
+            d_min_mm=d_min_mm,
+            d_max_mm=d_max_mm,
+        )
+
+    @classmethod
+    def sizes(cls, sizes: Iterable[Sequence[float]], by: By | None = None) -> Grading:
+        """Single sizes: pairs of the diameter in mm and its share, by ``mass`` (the default) or ``number``.
+
+        Shares count by their ratios: numbers of grains are shares as well.
+        """
+        shares = [{"diameter_mm": float(diameter), "share": float(share)} for diameter, share in sizes]
+        return cls(type="sizes", sizes=shares, by=by)
+
+    @classmethod
+    def sieves(
+        cls,
+        points: Sequence[tuple[float, float]] | ArrayLike,
+        between: Literal["log", "linear"] | None = None,
+    ) -> Grading:
+        """A curve through sieves: pairs of the diameter in mm and what passes it, in any order.
+
+        All passings are from 0 to 1, or all in percent. Where 90 % or more pass the coarsest sieve, the next one of
+        the series is added, with a warning. Between two sieves the passing is linear in the logarithm of the diameter,
+        or in the diameter (``"linear"``).
+        """
+        return cls(type="sieves", points=points, between=between)
+
+    @classmethod
+    def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
+        """Size classes: triples of the lower and the upper diameter in mm and the mass fraction."""
+        names = ("d_min_mm", "d_max_mm", "mass_fraction")
+        return cls(type="classes", classes=[dict(zip(names, item, strict=True)) for item in classes])
+
+    @classmethod
+    def monodisperse(cls, diameter_mm: float) -> Grading:
+        """Equal spheres."""
+        return cls(type="monodisperse", diameter_mm=diameter_mm)
+
+    @classmethod
+    def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
+        """An explicit list of diameters. Its volume is that of the mix."""
+        return cls(type="diameters", diameters_mm=diameters_mm)
