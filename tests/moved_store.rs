@@ -224,9 +224,6 @@ async fn a_cluster_that_is_put_back_to_an_earlier_state_ends_the_service() {
     postgres.up();
     ready().await;
     client.succeed(&jobs::quick(3)).await;
-    // Seen by the looks at the store, which come all the time.
-    postgres.ask("lab", "select pg_switch_wal()");
-    client.succeed(&jobs::quick(4)).await;
     postgres.crash();
     postgres.put_back(&earlier);
     postgres.up();

@@ -128,8 +128,7 @@ impl Mark {
         let before = self.reached.load(Ordering::Acquire);
         self.compare(query(MARK).scalar(Via::Postgres(&mut *connection)).await)?;
         let reached: i64 = match query(REACHED).scalar(Via::Postgres(connection)).await {
-            // A service that speaks as PostgreSQL does may have no such log.
-            Err(sqlx::Error::Database(_)) => return Ok(()),
+            Err(error) if has_no_log(&error) => return Ok(()),
             reached => reached?,
         };
         if reached < before {
@@ -210,6 +209,13 @@ fn other_database() -> sqlx::Error {
 /// Whether an error says that another database answers.
 pub(super) fn is_other_database(error: &sqlx::Error) -> bool {
     matches!(error, sqlx::Error::Configuration(why) if why.is::<Unusable>())
+}
+
+/// Whether the database does not tell of its write-ahead log: it is a standby, one that speaks as PostgreSQL does
+/// without such a log, or lets this user not ask.
+fn has_no_log(error: &sqlx::Error) -> bool {
+    let sqlx::Error::Database(error) = error else { return false };
+    matches!(error.code().as_deref(), Some("55000" | "0A000" | "42883" | "42501"))
 }
 
 /// Whether the tables are gone, or the database itself.
