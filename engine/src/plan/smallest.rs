@@ -19,9 +19,9 @@ const EQUAL: f64 = 0.64;
 /// Lengths over those of the request up to which a larger specimen is looked for.
 const LARGEST: f64 = 8.0;
 /// Ratio of the lengths of two specimens that are tried one after the other.
-const STEP: f64 = 1.05;
+const STEP: f64 = 1.15;
 /// Halvings of the last step.
-const HALVINGS: usize = 5;
+const HALVINGS: usize = 6;
 
 /// The smallest specimen with the proportions of that of the request in which its grains, whose number does not depend
 /// on it, are packed with a probability of 0.9; `None` where the mix prescribes a volume fraction, or where no such
