@@ -288,14 +288,8 @@ async fn a_mesh_comes_with_the_script_that_lets_gmsh_fill_it() {
     fs::write(folder.path().join(&mesh_name), &mesh.body).unwrap();
     fs::write(folder.path().join(&script_name), &script.body).unwrap();
     server.stop().await;
-    let Some(python) = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty()) else {
-        return machine::skip("PACKSTONE_PYTHON", "no Python with gmsh", "The script was not run.");
-    };
-    assert_eq!(
-        tetrahedra(Path::new(&python), &folder.path().join(mesh_name)).await,
-        0,
-        "what the script is for"
-    );
-    let filled = tetrahedra(Path::new(&python), &folder.path().join(script_name)).await;
+    let Some(python) = machine::python("The script was not run by Gmsh.") else { return };
+    assert_eq!(tetrahedra(&python, &folder.path().join(mesh_name)).await, 0, "what the script is for");
+    let filled = tetrahedra(&python, &folder.path().join(script_name)).await;
     assert!(filled > 1000, "{filled}");
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::harness::deadline::{eventually, patiently, within};
 use crate::harness::{
-    Client, DataDir, Launch, Postgres, Server, holds_every_store, id_of, jobs, packstone, run,
+    Client, DataDir, Launch, Postgres, Server, holds_every_store, id_of, jobs, machine, packstone, run,
 };
 
 /// A fault by its name, the file that it concerns, and what makes it in a data directory.
@@ -84,14 +84,9 @@ async fn a_store_that_is_moved_removed_or_replaced_accepts_and_answers_nothing()
     }
 }
 
-/// Overwrites the bytes of the database, as `cp` does, or through the interface of SQLite, as `.restore` does.
-async fn overwrite(database: &Path, backup: &Path, through_sqlite: bool) {
-    if !through_sqlite {
-        fs::write(database, fs::read(backup).unwrap()).unwrap();
-        return;
-    }
+/// Overwrites the database through the interface of SQLite, as `.restore` does.
+async fn restore(python: &Path, database: &Path, backup: &Path) {
     let script = "import sqlite3, sys; sqlite3.connect(sys.argv[1]).backup(sqlite3.connect(sys.argv[2]))";
-    let python = std::env::var_os("PACKSTONE_PYTHON").unwrap_or_else(|| "python3".into());
     let mut command = Command::new(python);
     command.args(["-c", script]).args([backup, database]);
     let restored = run(command).await;
@@ -103,7 +98,9 @@ async fn a_database_that_is_overwritten_in_place_accepts_and_answers_nothing() {
     if holds_every_store() {
         return;
     }
-    for (of_this_run, through_sqlite) in [(false, false), (false, true), (true, false), (true, true)] {
+    let through_sqlite = machine::python("No database was restored through SQLite.");
+    let ways = [None].into_iter().chain(through_sqlite.map(Some));
+    for (python, of_this_run) in ways.flat_map(|python| [(python.clone(), false), (python, true)]) {
         let data_dir = DataDir::new();
         let backup = data_dir.path().with_extension("backup");
         let paths = [backup.to_str().unwrap(), "--data-dir", data_dir.path().to_str().unwrap()];
@@ -118,8 +115,13 @@ async fn a_database_that_is_overwritten_in_place_accepts_and_answers_nothing() {
             Server::start(&data_dir).await
         };
         server.client().succeed(&jobs::quick(2)).await;
-        let database = data_dir.path().join("packstone.sqlite");
-        overwrite(&database, &backup.join("packstone.sqlite"), through_sqlite).await;
+        let (database, backup) = (data_dir.path().join("packstone.sqlite"), backup.join("packstone.sqlite"));
+        if let Some(python) = &python {
+            restore(python, &database, &backup).await;
+        } else {
+            // As `cp` does.
+            fs::write(database, fs::read(backup).unwrap()).unwrap();
+        }
         refuses_and_ends(server, "another one than at the start").await;
     }
 }

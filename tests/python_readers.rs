@@ -1,26 +1,13 @@
 //! Results read by the readers that users have: numpy, and the VTK library behind `ParaView`.
 
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::{Value, json};
 
-use crate::harness::{jobs, packstone, run};
+use crate::harness::{jobs, machine, packstone, run};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/read_results.py");
-
-/// The interpreter to use: that of `PACKSTONE_PYTHON`, which must then do, or else a `python3` that happens
-/// to have the packages.
-fn interpreter() -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os("PACKSTONE_PYTHON") {
-        return Some(named.into());
-    }
-    let imports = "import numpy, vtkmodules.vtkIOXML, vtkmodules.vtkIOLegacy";
-    let usable =
-        Command::new("python3").args(["-c", imports]).output().is_ok_and(|tried| tried.status.success());
-    usable.then(|| "python3".into())
-}
 
 async fn check(python: &Path, job: &Value) -> String {
     let directory = tempfile::tempdir().unwrap();
@@ -38,13 +25,7 @@ async fn check(python: &Path, job: &Value) -> String {
 
 #[tokio::test]
 async fn vtk_and_numpy_read_what_the_json_says() {
-    let Some(python) = interpreter() else {
-        // Past the capture of the test harness: that nothing was tested must be seen.
-        let warning = "\n*** SKIPPED: no Python with vtk and numpy; nobody read the VTK and NPY files.\n\
-                       *** Set PACKSTONE_PYTHON to one with tests/python/requirements.txt installed.\n";
-        std::io::stderr().write_all(warning.as_bytes()).unwrap();
-        return;
-    };
+    let Some(python) = machine::python("Nobody read the VTK and NPY files.") else { return };
     let said = check(&python, &jobs::quick(1)).await;
     assert!(said.contains("agree"), "{said}");
     check(&python, &jobs::equal_spheres(50_000, 1)).await;

@@ -29,12 +29,12 @@ fn study(replicates: usize) -> Value {
     })
 }
 
-/// Two points that grow for a second each, and one that is quick.
+/// A point that grows for some seconds, one that grows for less than one, and one that is quick.
 fn long_study() -> Value {
     json!({
         "seed": 3,
         "template": jobs::with(jobs::growth(), "/seed", Value::Null),
-        "grid": {"/mix/volume_fraction": [0.3, 0.53, 0.525]}
+        "grid": {"/mix/volume_fraction": [0.3, 0.5375, 0.525]}
     })
 }
 
@@ -208,11 +208,11 @@ async fn survives(signal: Signal) {
     // Killed, only what was kept before remains; asked to end, it keeps a checkpoint that was not due.
     let every = if signal == Signal::KILL { "0" } else { "3600" };
     let shard = start_long(directory, every).await;
-    // Some work that would be lost, of about three seconds.
-    eventually("some growth", || shard.cpu_time() > Duration::from_millis(800)).await;
+    // Work of some seconds would be lost. A killed shard has what it kept; one that ends keeps a checkpoint.
+    let kept = || signal == Signal::TERM || checkpoints(&out).len() == 1;
+    eventually("some growth", || shard.cpu_time() > Duration::from_millis(400) && kept()).await;
     // A machine that is busy may have come to the first checkpoint that is due, whatever the interval.
     let kept = files(&out.join("checkpoints"));
-    assert!(signal == Signal::TERM || checkpoints(&out).len() == 1, "{:?}", kept.keys());
     shard.signal(signal);
     let ended = shard.ended().await;
     assert_eq!(checkpoints(&out).len(), 1, "{ended:?}");

@@ -1,27 +1,14 @@
 //! Voxels for solvers and mesh generators, opened by these programs; and the materials that they are computed with.
 
 use std::fs;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::{Value, json};
 
-use crate::harness::{DataDir, Server, id_of, jobs, packstone, run};
+use crate::harness::{DataDir, Server, id_of, jobs, machine, packstone, run};
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/python/read_voxels_of_programs.py");
-
-/// The interpreter to use: that of `PACKSTONE_PYTHON`, which must then do, or else a `python3` that happens to have the
-/// packages.
-fn interpreter() -> Option<PathBuf> {
-    if let Some(named) = std::env::var_os("PACKSTONE_PYTHON") {
-        return Some(named.into());
-    }
-    let imports = "import automesh, damask, h5py, meshio, numpy, vtkmodules.vtkIOLegacy";
-    let usable =
-        Command::new("python3").args(["-c", imports]).output().is_ok_and(|tried| tried.status.success());
-    usable.then(|| "python3".into())
-}
 
 fn materials() -> Value {
     json!({
@@ -69,13 +56,7 @@ async fn export(folder: &Path, options: &str, name: &str) {
 
 #[tokio::test]
 async fn voxels_are_read_by_the_programs_that_they_are_for() {
-    let Some(python) = interpreter() else {
-        // Past the capture of the test harness: that nothing was tested must be seen.
-        let warning = "\n*** SKIPPED: no Python with damask, automesh, h5py and vtk; nobody read the voxels.\n\
-                       *** Set PACKSTONE_PYTHON to one with tests/python/requirements.txt installed.\n";
-        std::io::stderr().write_all(warning.as_bytes()).unwrap();
-        return;
-    };
+    let Some(python) = machine::python("Nobody read the voxels.") else { return };
     let directory = tempfile::tempdir().unwrap();
     let folder = directory.path();
     fs::write(folder.join("job.json"), with_materials(job(), materials()).to_string()).unwrap();

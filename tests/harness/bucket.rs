@@ -1,7 +1,9 @@
 //! A bucket of S3 on this machine, for one test: the server of `moto`, a package of Python, run by `moto_server.py`.
 
-use std::io::{BufRead as _, BufReader, Write as _};
+use std::io::{BufRead as _, BufReader};
 use std::process::{Child, Command, Stdio};
+
+use super::machine;
 
 /// What the bucket is called.
 const BUCKET: &str = "packstone";
@@ -14,44 +16,31 @@ pub(crate) struct Bucket {
 }
 
 impl Bucket {
-    /// Starts one. Returns `None` where the Python of `PACKSTONE_PYTHON`, or `python3`, has no moto; where the variable
-    /// is set, that is a failure.
+    /// Starts one. Returns `None` where `PACKSTONE_PYTHON` names no Python, after it said so.
     pub(crate) async fn start() -> Option<Self> {
-        let python = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty());
-        let required = python.is_some();
-        let python = python.unwrap_or_else(|| "python3".into());
-        let server = Command::new(&python)
+        let python = machine::python("No bucket of S3 was tested.")?;
+        let mut server = Command::new(python)
             .args(["-c", include_str!("moto_server.py")])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
-            .spawn();
+            .spawn()
+            .expect("the Python of PACKSTONE_PYTHON");
+        let mut said = BufReader::new(server.stderr.take().expect("a pipe")).lines().map_while(Result::ok);
         let mut lines = Vec::new();
-        if let Ok(mut server) = server {
-            let mut said =
-                BufReader::new(server.stderr.take().expect("a pipe")).lines().map_while(Result::ok);
-            for line in said.by_ref() {
-                if let Some((_, address)) = line.split_once("http://") {
-                    let address = address.trim().to_owned();
-                    // Its pipe must not fill.
-                    std::thread::spawn(move || said.for_each(drop));
-                    let http = reqwest::Client::builder().no_proxy().build().expect("a client");
-                    let bucket = Self { server, address, http };
-                    let made = bucket.http.put(format!("{}/{BUCKET}", bucket.endpoint())).send().await;
-                    assert!(made.expect("an answer of moto").status().is_success());
-                    return Some(bucket);
-                }
-                lines.push(line);
-            }
-            let _ = server.wait();
-        }
-        let told = lines.join("\n");
-        assert!(!required, "PACKSTONE_PYTHON is set, but its moto does not start: {told}");
-        // Past the capture of the test harness: that nothing was tested must be seen.
-        let warning = "\n*** SKIPPED: no moto for python3; no bucket of S3 was tested.\n\
-             *** pip install -r tests/python/requirements.txt and set PACKSTONE_PYTHON.\n";
-        std::io::stderr().write_all(warning.as_bytes()).expect("standard error");
-        None
+        let address = said.by_ref().find_map(|line| {
+            let address = line.split_once("http://").map(|(_, address)| address.trim().to_owned());
+            lines.push(line);
+            address
+        });
+        let address = address.unwrap_or_else(|| panic!("moto does not start: {}", lines.join("\n")));
+        // Its pipe must not fill.
+        std::thread::spawn(move || said.for_each(drop));
+        let http = reqwest::Client::builder().no_proxy().build().expect("a client");
+        let bucket = Self { server, address, http };
+        let made = bucket.http.put(format!("{}/{BUCKET}", bucket.endpoint())).send().await;
+        assert!(made.expect("an answer of moto").status().is_success());
+        Some(bucket)
     }
 
     /// Where it listens, as a URL.

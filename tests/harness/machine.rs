@@ -25,23 +25,30 @@ pub(crate) fn missing(programs: &[&str]) -> Option<String> {
     (!missing.is_empty()).then(|| format!("{} missing", missing.join(", ")))
 }
 
+/// The Python of `PACKSTONE_PYTHON`, which has the packages of `tests/python/requirements.txt` in their versions.
+/// Without it the test is to be skipped, which is said here with the advice; a Python that happens to be on the machine
+/// may have other versions.
+pub(crate) fn python(advice: &str) -> Option<PathBuf> {
+    let python = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty());
+    if python.is_none() {
+        skip("PACKSTONE_PYTHON", "PACKSTONE_PYTHON names no Python", advice);
+    }
+    python.map(PathBuf::from)
+}
+
 /// The Python with the wheel of Gmsh, and besides it the program of Debian: those that there are. Without Python the
 /// test is to be skipped, which is said here with the advice.
 ///
 /// # Panics
 /// If `PACKSTONE_PYTHON` is set, and one of them is missing.
 pub(crate) fn gmsh(advice: &str) -> Option<(PathBuf, Vec<PathBuf>)> {
-    let lacks = |lacks: &str| skip("PACKSTONE_PYTHON", lacks, advice);
-    let Some(python) = std::env::var_os("PACKSTONE_PYTHON").filter(|value| !value.is_empty()) else {
-        lacks("no Python with gmsh");
-        return None;
-    };
-    let mut all = vec![PathBuf::from(&python)];
+    let python = python(advice)?;
+    let mut all = vec![python.clone()];
     match missing(&["gmsh"]) {
         None => all.push("gmsh".into()),
-        Some(missing) => lacks(&missing),
+        Some(missing) => skip("PACKSTONE_PYTHON", &missing, advice),
     }
-    Some((python.into(), all))
+    Some((python, all))
 }
 
 /// Whether the programs that users of the interface have are there: those of the scripts in the documents. Where one is

@@ -5,6 +5,9 @@
 #[allow(dead_code, unreachable_pub)]
 #[path = "../../../tests/harness/bucket.rs"]
 mod bucket;
+#[allow(dead_code, unreachable_pub)]
+#[path = "../../../tests/harness/machine.rs"]
+mod machine;
 
 use std::io::{self, Read as _, Write as _};
 use std::path::Path;
