@@ -37,6 +37,7 @@ pub mod error;
 pub mod export;
 pub mod gap;
 pub mod geometry;
+mod grain;
 pub mod homogenization;
 pub mod importer;
 mod memory;

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 31] = [
+const LAYERS: [&str; 32] = [
     "arrays",
     "cpu",
     "elementary",
@@ -25,6 +25,7 @@ const LAYERS: [&str; 31] = [
     "specimen",
     "distance",
     "gap",
+    "grain",
     "mix",
     "blend",
     "segregation",
@@ -40,12 +41,13 @@ const LAYERS: [&str; 31] = [
 ];
 
 /// Folders whose modules form no circle.
-const WITHOUT_CIRCLES: [&str; 10] = [
+const WITHOUT_CIRCLES: [&str; 11] = [
     "cpu",
     "check",
     "geometry",
     "geometry/delaunay",
     "gap",
+    "grain",
     "methods",
     "methods/rsa",
     "methods/edmd",

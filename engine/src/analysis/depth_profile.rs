@@ -5,12 +5,15 @@
 //! is followed by coaxial cylinders, whose cut is an integral of arcs over the height of the grain.
 //!
 //! Of grains that are no spheres the volume in each slab between two planes is exact, but for rounded polyhedra
-//! (`sections`); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
+//! (`grain::below`); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
 
 use std::f64::consts::PI;
 
-use super::sections::Sections;
+use nalgebra::Vector3;
+
 use crate::elementary::{acos, atan2, hypot, sin_cos};
+use crate::grain::{Grain as _, PlacedGrains};
+use crate::memory::OutOfMemory;
 use crate::packing::{GrainsRef, Spheres};
 use crate::request::{Boundary, Specimen};
 
@@ -49,20 +52,22 @@ pub enum Surface {
 
 /// The profiles of a specimen, from its walls to `max_depth_mm` or to its middle, at `steps` depths each.
 /// A periodic box has no walls, and no profiles.
+///
+/// # Errors
+/// The system refused memory.
 pub fn depth_profiles<'a>(
     grains: impl Into<GrainsRef<'a>>,
     specimen: &Specimen,
     max_depth_mm: f64,
     steps: usize,
-) -> Vec<DepthProfile> {
+) -> Result<Vec<DepthProfile>, OutOfMemory> {
     if specimen.is_periodic() {
-        return Vec::new();
+        return Ok(Vec::new());
     }
-    match grains.into() {
+    Ok(match grains.into() {
         GrainsRef::Spheres(spheres) => profiles(spheres, specimen, max_depth_mm, steps),
-        others @ GrainsRef::Solids(_) => Sections::new(others)
-            .map_or_else(Vec::new, |sections| profiles(&sections, specimen, max_depth_mm, steps)),
-    }
+        others @ GrainsRef::Solids(_) => profiles(&PlacedGrains::new(others)?, specimen, max_depth_mm, steps),
+    })
 }
 
 /// Grains whose profiles can be measured.
@@ -156,7 +161,7 @@ impl Profiled for Spheres {
     }
 }
 
-impl Profiled for Sections<'_> {
+impl Profiled for PlacedGrains<'_> {
     fn planes(&self, depths: &Depths, surface: Surface, axes: &[(usize, f64, f64)]) -> DepthProfile {
         let step = depths.step_mm;
         let mut covered = vec![0.0; depths.steps];
@@ -165,7 +170,7 @@ impl Profiled for Sections<'_> {
             let per_volume = 1.0 / (area * step * walls);
             for grain in 0..self.len() {
                 let x = self.center_mm(grain)[axis];
-                let below = self.volume_below(grain, axis);
+                let below = self.grain(grain).volume_below(axis);
                 let [down, up] = below.reach_mm;
                 let slabs = |from: f64, to: f64| {
                     let first = ((from / step).floor().max(0.0) as usize).min(depths.steps);
@@ -195,10 +200,13 @@ impl Profiled for Sections<'_> {
     fn lateral(&self, depths: &Depths, radius: f64, height: f64) -> DepthProfile {
         let mut covered = vec![0.0; depths.steps];
         for grain in 0..self.len() {
-            let center = self.center_mm(grain);
-            let (x, y) = (center.x - radius, center.y - radius);
-            let (from_axis, reach) = (hypot(x, y), self.outer_radius_mm(grain));
-            let chords = self.chords(grain);
+            let ([x, y, _], grain) = (self.center_mm(grain), self.grain(grain));
+            let (x, y) = (x - radius, y - radius);
+            let (from_axis, reach) = (hypot(x, y), grain.outer_radius_mm());
+            let chord_mm = |x, y| {
+                let ends = grain.chord_mm(&Vector3::new(x, y, 0.0), &Vector3::z());
+                ends.map_or(0.0, |[enter, leave]| leave - enter)
+            };
             for k in depths.within(radius - from_axis - reach, radius - from_axis + reach) {
                 let at = radius - depths.depth(k);
                 let cos_angle = (at * at + from_axis * from_axis - reach * reach) / (2.0 * at * from_axis);
@@ -207,7 +215,7 @@ impl Profiled for Sections<'_> {
                 let from = atan2(y, x) - half_angle;
                 let lengths = (0..CHORDS).map(|node| {
                     let (sine, cosine) = sin_cos(from + (node as f64 + 0.5) * step);
-                    chords.length_mm(at * cosine - x, at * sine - y)
+                    chord_mm(at * cosine - x, at * sine - y)
                 });
                 covered[k] += lengths.sum::<f64>() * step / (2.0 * PI * height);
             }

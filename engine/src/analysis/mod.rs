@@ -10,18 +10,18 @@ pub mod grading;
 mod neighbors;
 pub mod quality;
 pub mod radial;
-mod sections;
 mod separation;
 pub(crate) mod shapes;
-mod solids;
 
 pub use depth_profile::{DepthProfile, Surface, depth_profiles};
 pub use grading::{GradingCurve, GradingPoint, SizedGrain, grading};
 pub use quality::{QualityError, QualityReport, quality};
 pub use radial::{PairCorrelation, RadialOptions, SizeRange, radial};
 pub use separation::separation;
-pub use shapes::shape_report;
-pub use solids::{MeasuredGrain, measured_grains};
+pub use shapes::{MeasuredGrain, measured_grains, shape_report};
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod shaped_tests;
 #[cfg(test)]
 mod tests;

@@ -19,9 +19,9 @@
 use std::f64::consts::PI;
 
 use super::neighbors::{Grain, NeighborGrid};
-use super::solids::inner_radius_mm;
 use crate::distance::DistanceRule;
-use crate::memory::OutOfMemory;
+use crate::grain::{Grain as _, PlacedGrains};
+use crate::memory::{OutOfMemory, collected};
 use crate::packing::GrainsRef;
 use crate::request::Specimen;
 use crate::sorting;
@@ -90,22 +90,12 @@ struct Member {
 }
 
 /// The grains of a packing, from the largest down.
-fn members(grains: GrainsRef<'_>) -> Vec<Member> {
-    match grains {
-        GrainsRef::Spheres(spheres) => (0..spheres.len())
-            .map(|i| {
-                let ([x, y, z], r) = (spheres.center(i), spheres.d_mm[i] / 2.0);
-                Member { grain: [x, y, z, r], inner_radius: r }
-            })
-            .collect(),
-        GrainsRef::Solids(solids) => solids
-            .iter()
-            .map(|(shape, pose)| {
-                let ([x, y, z], r) = (pose.center_mm.into(), shape.equivalent_diameter_mm() / 2.0);
-                Member { grain: [x, y, z, r], inner_radius: inner_radius_mm(&shape).min(r) }
-            })
-            .collect(),
-    }
+fn members(grains: GrainsRef<'_>) -> Result<Vec<Member>, OutOfMemory> {
+    let placed = PlacedGrains::new(grains)?;
+    collected((0..placed.len()).map(|grain| {
+        let ([x, y, z], r) = (placed.center_mm(grain), placed.d_mm(grain) / 2.0);
+        Member { grain: [x, y, z, r], inner_radius: placed.grain(grain).inner_radius_mm().min(r) }
+    }))
 }
 
 /// One class with what is expected of its grains as partners.
@@ -130,7 +120,7 @@ fn classes(
     options: &RadialOptions<'_>,
 ) -> Result<Vec<Class>, OutOfMemory> {
     let mut by_class: Vec<Vec<Member>> = vec![Vec::new(); options.upper_mm.len().max(1)];
-    for member in members(grains) {
+    for member in members(grains)? {
         let d = 2.0 * member.grain[3];
         let class = options.upper_mm.iter().position(|&upper| d <= upper).unwrap_or(by_class.len() - 1);
         by_class[class].push(member);

@@ -52,13 +52,7 @@ pub fn separation<'a>(
     seed: u64,
 ) -> SegregationReport {
     let grains = grains.into();
-    let of_others;
-    let spheres = if let GrainsRef::Spheres(spheres) = grains {
-        spheres
-    } else {
-        of_others = equivalent_spheres(grains);
-        &of_others
-    };
+    let spheres = &*grains.equivalent_spheres();
     let fields = [Some(field), across(field, Axis::X), across(field, Axis::Y), across(field, Axis::Z)];
     let thirds = Thirds::of(&spheres.d_mm);
     let present: Vec<GradientField> = fields.into_iter().flatten().collect();
@@ -79,15 +73,6 @@ pub fn separation<'a>(
         across: SeparationAcross { x: next(fields[1]), y: next(fields[2]), z: next(fields[3]) },
         permutations: PERMUTATIONS,
     }
-}
-
-/// The spheres of equal volume about the centres of grains that are none, from the largest down.
-fn equivalent_spheres(grains: GrainsRef<'_>) -> Spheres {
-    let mut spheres = Spheres::with_capacity(grains.len());
-    for grain in 0..grains.len() {
-        spheres.push(grains.center_mm(grain), grains.d_mm(grain));
-    }
-    spheres
 }
 
 /// The field along an axis that a field does not lie along itself.

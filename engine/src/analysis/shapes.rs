@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::packing::{GrainsRef, ShapeReport, Solids, ZinggShares};
+use crate::request::GrainKind;
 use crate::shape::{
     CaliperSizes, Ellipsoid, Form, Polyhedron, Pose, Solid, Zingg, flakiness_index, shape_index,
 };
@@ -101,20 +102,45 @@ impl<'a> Measured<'a> {
         }
     }
 
-    /// The sizes of a grain alone, without an integral for its surface.
-    fn sizes_of(&self, grain: usize) -> CaliperSizes {
+    /// The form and the sizes of a grain alone, without an integral for its surface.
+    fn measured(&self, grain: usize) -> MeasuredGrain {
         match self.grains {
             GrainsRef::Solids(solids) => match &solids.shapes[grain] {
-                Solid::Ellipsoid(ellipsoid) => ellipsoid.into(),
-                Solid::Polyhedron { template, d_mm } => self.of_template(*template).sizes.scaled(*d_mm),
+                Solid::Ellipsoid(ellipsoid) => {
+                    MeasuredGrain { form: ellipsoid.form(), sizes: ellipsoid.into() }
+                }
+                Solid::Polyhedron { template, d_mm } => {
+                    let of_template = self.of_template(*template);
+                    MeasuredGrain { form: of_template.form, sizes: of_template.sizes.scaled(*d_mm) }
+                }
             },
-            GrainsRef::Spheres(_) => self.of(grain).sizes,
+            GrainsRef::Spheres(_) => {
+                let Figures { form, sizes, .. } = self.of(grain);
+                MeasuredGrain { form, sizes }
+            }
         }
     }
 
     fn of_template(&self, template: u32) -> &Figures {
         self.templates[template as usize].as_ref().expect("the templates of all grains are measured")
     }
+}
+
+/// The form of a grain and its sizes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredGrain {
+    /// Elongation and flatness; of a polyhedron those of the ellipsoid of equal inertia ([`Polyhedron::form`]).
+    pub form: Form,
+    /// Volume, sieve size, length and thickness.
+    pub sizes: CaliperSizes,
+}
+
+/// The forms and sizes of all grains, in their order; `None` where all are spheres. Templates are measured once.
+#[must_use]
+pub fn measured_grains<'a>(grains: impl Into<GrainsRef<'a>>) -> Option<Vec<MeasuredGrain>> {
+    let measured = Measured::new(grains.into());
+    let is_shaped = measured.grains.kind() != GrainKind::Spheres;
+    is_shaped.then(|| (0..measured.grains.len()).map(|grain| measured.measured(grain)).collect())
 }
 
 /// The figures of grains that are not spheres; `None` without grains.
@@ -132,7 +158,7 @@ pub fn shape_report(grains: &Solids) -> Option<ShapeReport> {
     for (grain, pose) in grains.poses.iter().enumerate() {
         sums.add(&measured.of(grain), pose);
     }
-    let sizes = || (0..grains.len()).map(|grain| measured.sizes_of(grain));
+    let sizes = || (0..grains.len()).map(|grain| measured.measured(grain).sizes);
     Some(sums.report(flakiness_index(sizes()), shape_index(sizes()), grains.len()))
 }
 

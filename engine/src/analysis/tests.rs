@@ -172,7 +172,7 @@ fn one_sphere_is_cut_in_circles() {
     let specimen = Specimen::Box { size_mm: [20.0, 20.0, 20.0], boundary: Boundary::Walls };
     let mut spheres = Spheres::default();
     spheres.push([10.0, 10.0, 4.0], 6.0);
-    let profiles = depth_profiles(&spheres, &specimen, 10.0, 1000);
+    let profiles = depth_profiles(&spheres, &specimen, 10.0, 1000).unwrap();
     let [profile] = &profiles[..] else { panic!("{} profiles", profiles.len()) };
     assert_eq!(profile.surface, Surface::Faces);
     for (&depth, &share) in profile.depth_mm.iter().zip(&profile.volume_fraction) {
@@ -190,7 +190,7 @@ fn profiles_add_up_to_the_volume_of_the_grains() {
     let (diameter, height) = (40.0, 60.0);
     let cylinder = Specimen::Cylinder { diameter_mm: diameter, height_mm: height };
     let spheres = ideal_gas(&cylinder, &d_mm, 5);
-    let found = depth_profiles(&spheres, &cylinder, f64::INFINITY, 2000);
+    let found = depth_profiles(&spheres, &cylinder, f64::INFINITY, 2000).unwrap();
     assert_eq!(found.iter().map(|p| p.surface).collect::<Vec<_>>(), [Surface::Ends, Surface::Lateral]);
     let step = |p: &DepthProfile| p.depth_mm[1] - p.depth_mm[0];
     let ends: f64 = found[0].volume_fraction.iter().sum::<f64>() * step(&found[0]) * 2.0;
@@ -204,10 +204,10 @@ fn profiles_add_up_to_the_volume_of_the_grains() {
 
     let walls = Specimen::Box { size_mm: [40.0; 3], boundary: Boundary::Walls };
     let spheres = ideal_gas(&walls, &d_mm, 6);
-    let faces = &depth_profiles(&spheres, &walls, f64::INFINITY, 2000)[0];
+    let faces = &depth_profiles(&spheres, &walls, f64::INFINITY, 2000).unwrap()[0];
     let mean = faces.volume_fraction.iter().sum::<f64>() / 2000.0;
     assert!((mean * 64_000.0 / volume - 1.0).abs() < 1e-4, "{mean}");
-    assert_eq!(depth_profiles(&spheres, &cube(40.0, Boundary::Periodic), 10.0, 10), []);
+    assert_eq!(depth_profiles(&spheres, &cube(40.0, Boundary::Periodic), 10.0, 10).unwrap(), []);
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn a_sphere_far_from_the_axis_is_cut_nearly_as_by_a_plane() {
     let cylinder = Specimen::Cylinder { diameter_mm: 2.0 * radius, height_mm: 20.0 };
     let mut spheres = Spheres::default();
     spheres.push([radius + from_axis, radius, 10.0], 2.0 * r);
-    let lateral = &depth_profiles(&spheres, &cylinder, radius, 500)[1];
+    let lateral = &depth_profiles(&spheres, &cylinder, radius, 500).unwrap()[1];
     for (&depth, &share) in lateral.depth_mm.iter().zip(&lateral.volume_fraction) {
         let at = radius - depth;
         let step = 2.0 * r / 10_000.0;
@@ -236,7 +236,7 @@ fn a_sphere_on_the_axis_is_cut_by_coaxial_cylinders() {
     let cylinder = Specimen::Cylinder { diameter_mm: 20.0, height_mm: 20.0 };
     let mut spheres = Spheres::default();
     spheres.push([10.0, 10.0, 10.0], 10.0);
-    let lateral = &depth_profiles(&spheres, &cylinder, 10.0, 100)[1];
+    let lateral = &depth_profiles(&spheres, &cylinder, 10.0, 100).unwrap()[1];
     for (&depth, &share) in lateral.depth_mm.iter().zip(&lateral.volume_fraction) {
         let radius = 10.0 - depth;
         let expected = 2.0 * (25.0 - radius * radius).max(0.0).sqrt() / 20.0;

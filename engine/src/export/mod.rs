@@ -27,7 +27,6 @@ mod schema;
 pub mod shapes;
 pub mod slice;
 pub mod solid;
-mod solids;
 mod steps;
 pub mod tables;
 pub mod voxels;

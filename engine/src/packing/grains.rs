@@ -1,5 +1,7 @@
 //! The grains of a packing: their shapes and poses, largest first. The row number is the id of a grain.
 
+use std::borrow::Cow;
+
 use crate::request::GrainKind;
 use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron, Solid, SolidRef};
 
@@ -221,6 +223,19 @@ impl<'a> GrainsRef<'a> {
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
     pub fn diameters_mm(self) -> impl DoubleEndedIterator<Item = f64> + 'a {
         (0..self.len()).map(move |grain| self.d_mm(grain))
+    }
+
+    /// The spheres of equal volume about the centres of the grains, in their order.
+    #[must_use]
+    pub fn equivalent_spheres(self) -> Cow<'a, Spheres> {
+        if let Self::Spheres(spheres) = self {
+            return Cow::Borrowed(spheres);
+        }
+        let mut spheres = Spheres::with_capacity(self.len());
+        for grain in 0..self.len() {
+            spheres.push(self.center_mm(grain), self.d_mm(grain));
+        }
+        Cow::Owned(spheres)
     }
 
     /// The aggregate that each grain belongs to, counted from 0; empty where the mix names none.

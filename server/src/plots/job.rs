@@ -117,7 +117,7 @@ pub(crate) fn chart(kind: JobPlot, result: &JobResult<'_>) -> io::Result<Chart> 
             }
         }
         JobPlot::Quality => quality::chart(&packing, &tables::load(result.grains)?, name.as_deref())?,
-        JobPlot::Profile => profile(result.head, &packing, &tables::load(result.grains)?, name.as_deref()),
+        JobPlot::Profile => profile(result.head, &packing, &tables::load(result.grains)?, name.as_deref())?,
     };
     if let Some(partial) = &result.head.report.summary.partial {
         mark_partial(&mut chart, partial);
@@ -313,10 +313,11 @@ fn joined(upper_mm: &[f64]) -> Vec<f64> {
     bounds
 }
 
-fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<&str>) -> Chart {
+fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<&str>) -> io::Result<Chart> {
     let summary = &head.report.summary;
     let depth_mm = DEPTH_DIAMETERS * summary.d_max_mm;
-    let found = analysis::depth_profiles(grains, &request.specimen, depth_mm, DEPTHS);
+    let found =
+        analysis::depth_profiles(grains, &request.specimen, depth_mm, DEPTHS).map_err(io::Error::from)?;
     let mean = PERCENT * summary.volume_fraction_effective;
     let deepest = found.iter().filter_map(|p| p.depth_mm.last()).copied().fold(0.0, f64::max);
     // Near the axis a single grain determines the volume fraction of a coaxial surface.
@@ -336,7 +337,7 @@ fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<
             .collect();
         series.push(Series::line(label, number, points));
     }
-    Chart {
+    Ok(Chart {
         title: title("Volume fraction near the walls", name),
         description: format!(
             "Volume fraction of the grains on surfaces parallel to the walls against the depth of the surface; the mean \
@@ -348,7 +349,7 @@ fn profile(head: &Head, request: &PackingRequest, grains: &Grains, name: Option<
         series,
         layout: Layout::default(),
         when_empty: never(JobPlot::Profile, request).unwrap_or("the packing has no grains").into(),
-    }
+    })
 }
 
 /// A diameter, rounded to three digits.

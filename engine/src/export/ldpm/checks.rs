@@ -118,7 +118,7 @@ impl Sums {
         }
     }
 
-    fn conclude(&self, nodes: &Nodes, cells: &[Cell], volume: f64, checks: &mut Checks) {
+    fn conclude(&self, nodes: &Nodes<'_>, cells: &[Cell], volume: f64, checks: &mut Checks) {
         let mut cell_volume = Sum::default();
         let mut moment = [Sum::default(); 3];
         for (cell, p) in cells.iter().zip(&nodes.points_mm) {
@@ -147,7 +147,7 @@ struct Surface {
 }
 
 impl Surface {
-    fn add(nodes: &Nodes, tets: &[[u32; 4]], neighbors: &[[u32; 4]], closures: &mut [Closure]) -> Self {
+    fn add(nodes: &Nodes<'_>, tets: &[[u32; 4]], neighbors: &[[u32; 4]], closures: &mut [Closure]) -> Self {
         let mut volume = Sum::default();
         let mut triangles = 0;
         let mut met = vec![false; nodes.len()];
@@ -172,7 +172,7 @@ impl Surface {
     }
 }
 
-fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, checks: &mut Checks) {
+fn count(nodes: &Nodes<'_>, tets: usize, topology: &Topology, surface: &Surface, checks: &mut Checks) {
     let rings = topology.rings;
     checks.rings_closed = rings.closed;
     checks.rings_open = rings.open;
@@ -184,7 +184,7 @@ fn count(nodes: &Nodes, tets: usize, topology: &Topology, surface: &Surface, che
     checks.euler_surface = surface.nodes as i64 - rings.open as i64 + surface.triangles as i64;
 }
 
-fn edge_parameters(nodes: &Nodes, topology: &Topology, checks: &mut Checks) {
+fn edge_parameters(nodes: &Nodes<'_>, topology: &Topology, checks: &mut Checks) {
     for [a, b] in topology.edges() {
         let [a, b] = [a as usize, b as usize];
         let along = point(nodes.points_mm[b]) - point(nodes.points_mm[a]);

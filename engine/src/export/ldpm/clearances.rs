@@ -1,13 +1,14 @@
 //! Check T13: grains against one another, against the walls, and against the nodes of the surface, all pairs that are
 //! near, from the final list.
 
-use super::grains::Grains;
 use super::nodes::Nodes;
+use super::obstacles::beyond_mm;
 use super::report::{Checks, NodeReport};
 use super::tessellation::point;
 use crate::control::Control;
 use crate::export::ExportError;
 use crate::geometry::cells::{Octaves, Sphere};
+use crate::grain::{Grain as _, PlacedGrains};
 use crate::packing::Spheres;
 use crate::request::Specimen;
 
@@ -18,8 +19,8 @@ const ROUNDING: f64 = 1.0e-9;
 /// are at least.
 pub(super) fn check(
     specimen: &Specimen,
-    grains: &Grains<'_>,
-    nodes: &Nodes,
+    grains: &PlacedGrains<'_>,
+    nodes: &Nodes<'_>,
     [clear, spacing]: [f64; 2],
     control: &dyn Control,
     checks: &mut Checks,
@@ -30,7 +31,7 @@ pub(super) fn check(
     for (i, &p) in nodes.points_mm.iter().enumerate() {
         // They are sorted by diameter, and a node of none would be lost.
         let grain = i.checked_sub(nodes.boundary);
-        all.push(p, grain.map_or(nodes.d_min_mm / 2.0, |grain| 2.0 * grains.outer_mm(grain)));
+        all.push(p, grain.map_or(nodes.d_min_mm / 2.0, |grain| 2.0 * grains.grain(grain).outer_radius_mm()));
     }
     // Far enough to see the next node on the surface, too.
     let beyond = (clear + spacing).max(nodes.d_min_mm);
@@ -51,7 +52,7 @@ pub(super) fn check(
                 }
                 (is_first, _) => {
                     let (node, of) = if is_first { (a, b) } else { (b, a) };
-                    let clearance = grains.beyond_mm(grain(of), node.center_mm);
+                    let clearance = beyond_mm(grains, grain(of) as u32, node.center_mm);
                     least_clearance = least_clearance.min(clearance);
                     checks.crowded_nodes += u64::from(clearance < clear - slack);
                 }

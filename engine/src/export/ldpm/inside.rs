@@ -4,13 +4,13 @@
 //! them. The share of their area inside grains is measured by the centroids of 16 equal triangles of each facet, in
 //! tetrahedra that are evenly spaced over the numbers of all.
 
-use super::grains::Grains;
 use super::nodes::Nodes;
 use super::obstacles::{Obstacle, Obstacles};
 use super::tessellation::{Point, Tet};
 use crate::control::Control;
 use crate::elementary::cbrt;
 use crate::export::{ExportError, go_on};
+use crate::grain::PlacedGrains;
 use crate::request::Specimen;
 
 /// Most tetrahedra whose facets are measured. The standard deviation of the share is below 0.005 then.
@@ -23,8 +23,8 @@ const TETRAHEDRA_PER_LOOK: usize = 64;
 /// Share of the facets' area that lies inside grains; 0 without facets.
 pub(super) fn share_of_facets(
     specimen: &Specimen,
-    grains: &Grains<'_>,
-    nodes: &Nodes,
+    grains: &PlacedGrains<'_>,
+    nodes: &Nodes<'_>,
     tets: &[[u32; 4]],
     control: &dyn Control,
 ) -> Result<f64, ExportError> {

@@ -12,7 +12,7 @@ use crate::geometry::delaunay::{FACES, NONE, inside_circumsphere};
 /// The tetrahedra of a lattice.
 #[derive(Clone, Copy)]
 pub(super) struct Mesh<'a> {
-    pub(super) nodes: &'a Nodes,
+    pub(super) nodes: &'a Nodes<'a>,
     pub(super) tets: &'a [[u32; 4]],
     /// What lies across the face opposite each node.
     pub(super) neighbors: &'a [[u32; 4]],

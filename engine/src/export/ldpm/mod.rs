@@ -10,7 +10,6 @@
 mod checks;
 mod chrono;
 mod clearances;
-mod grains;
 mod inside;
 mod measured;
 mod nodes;
@@ -28,6 +27,7 @@ mod tests;
 
 use std::io::Write;
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 
 pub use measured::Cell;
 pub use nodes::Nodes;
@@ -39,10 +39,10 @@ use crate::control::{Control, Part};
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
+use crate::grain::PlacedGrains;
 use crate::memory;
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
-use grains::Grains;
 use measured::Mesh;
 use tessellation::point;
 use topology::Topology;
@@ -53,8 +53,8 @@ const BYTES_PER_NODE: f64 = 600.0;
 
 /// A lattice, checked.
 #[derive(Debug)]
-pub struct Lattice {
-    nodes: Nodes,
+pub struct Lattice<'a> {
+    nodes: Nodes<'a>,
     tets: Vec<[u32; 4]>,
     neighbors: Vec<[u32; 4]>,
     topology: Topology,
@@ -99,20 +99,20 @@ pub fn write(
     Ok(lattice.report)
 }
 
-impl Lattice {
+impl<'a> Lattice<'a> {
     /// Makes a lattice of a packing.
     ///
     /// # Errors
     /// [`ExportError`], but for [`ExportError::Write`].
     pub fn make(
-        model: &Model<'_>,
+        model: &Model<'a>,
         options: &LatticeOptions,
         limits: &Limits,
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
-        let (specimen, grains) = (model.specimen, &Grains::new(model)?);
+        let (specimen, grains) = (model.specimen, &Arc::new(PlacedGrains::new(model.grains)?));
         check(specimen, options, limits)?;
-        if grains.len() == 0 {
+        if grains.is_empty() {
             return Err(ExportError::Unavailable("a lattice needs grains, and this packing has none".into()));
         }
         check_spacing(specimen, grains, options)?;
@@ -172,7 +172,7 @@ impl Lattice {
     }
 
     /// Its nodes.
-    pub fn nodes(&self) -> &Nodes {
+    pub fn nodes(&self) -> &Nodes<'a> {
         &self.nodes
     }
 
@@ -240,7 +240,7 @@ pub(super) fn expected_bytes(
 /// Refuses to make a prism of fewer than six sides of a cylinder.
 fn check_spacing(
     specimen: &Specimen,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     options: &LatticeOptions,
 ) -> Result<(), ExportError> {
     let spacing_mm = options.spacing * grains.d_min_mm();
@@ -256,7 +256,7 @@ fn check_spacing(
 
 /// Refuses surface nodes so large that the points of their edges, half way between the bodies at both ends, would lie
 /// beyond one of the ends.
-fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
+fn check_radii(nodes: &Nodes<'_>, topology: &Topology) -> Result<(), ExportError> {
     let of_surface = |node: u32| (node as usize) < nodes.boundary;
     for [a, b] in topology.edges() {
         let [p, q] = [a, b].each(|node| point(nodes.points_mm[node as usize]));
@@ -277,7 +277,7 @@ fn check_radii(nodes: &Nodes, topology: &Topology) -> Result<(), ExportError> {
 
 fn check_memory(
     specimen: &Specimen,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     options: &LatticeOptions,
     limits: &Limits,
 ) -> Result<(), ExportError> {

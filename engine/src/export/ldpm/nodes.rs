@@ -2,11 +2,12 @@
 //!
 //! It knows the surface and the grains; it must never know how nodes are joined.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 use rand::rand_core::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::grains::{Grains, Reach};
 use super::obstacles::{Obstacle, Obstacles};
 use super::options::{BoundaryNodes, LatticeOptions};
 use super::sample;
@@ -14,6 +15,7 @@ use super::surface::{Edge, Face, LateralSurface, Surface};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::{ExportError, go_on};
+use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::{make_room, reserved};
 use crate::request::Specimen;
 use crate::rng::uniform;
@@ -25,8 +27,8 @@ const STREAM: u64 = 0x6c64_706d;
 const DISKS_PER_AREA: f64 = 0.70;
 
 /// Nodes in columns: vertices, edges, faces, then grains in their order.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Nodes {
+#[derive(Clone, Debug, Default)]
+pub struct Nodes<'a> {
     /// Where they are.
     pub points_mm: Vec<[f64; 3]>,
     /// Their radius in the tessellation; of grains that are no spheres that of the sphere of equal volume.
@@ -41,11 +43,11 @@ pub struct Nodes {
     pub complete: bool,
     /// Diameter of the smallest grain.
     pub d_min_mm: f64,
-    /// How far grains reach along lines.
-    pub(super) reach: Reach,
+    /// The grains, whose surfaces the tessellation takes where they are; without them it takes spheres of the radii.
+    pub(super) grains: Option<Arc<PlacedGrains<'a>>>,
 }
 
-impl Nodes {
+impl Nodes<'_> {
     /// Number of nodes.
     pub fn len(&self) -> usize {
         self.points_mm.len()
@@ -59,9 +61,9 @@ impl Nodes {
     /// How far the tessellation takes the body at a node to reach from it along a vector, which must not be zero: the
     /// radius of nodes on the surface and of spheres, else the distance of the grain's surface from its centre.
     pub(super) fn reach_mm(&self, node: usize, along: &Vector3<f64>) -> f64 {
-        match node.checked_sub(self.boundary) {
-            Some(grain) => self.reach.along_mm(grain, self.radii_mm[node], along),
-            None => self.radii_mm[node],
+        match (node.checked_sub(self.boundary), &self.grains) {
+            (Some(grain), Some(grains)) => grains.grain(grain).reach_mm(along),
+            _ => self.radii_mm[node],
         }
     }
 
@@ -95,7 +97,7 @@ struct Layer<'a> {
     /// Distance that all nodes keep.
     distance: f64,
     rng: Xoshiro256PlusPlus,
-    grains: &'a Grains<'a>,
+    grains: &'a PlacedGrains<'a>,
     /// Grains that keep nodes from the surface.
     near_surface: Vec<Obstacle>,
     /// These and the nodes so far.
@@ -187,12 +189,12 @@ impl Layer<'_> {
 }
 
 /// Lays nodes on the surface of a specimen, and appends its grains.
-pub(super) fn lay(
+pub(super) fn lay<'a>(
     specimen: &Specimen,
-    grains: &Grains<'_>,
+    grains: &Arc<PlacedGrains<'a>>,
     options: &LatticeOptions,
     control: &dyn Control,
-) -> Result<Nodes, ExportError> {
+) -> Result<Nodes<'a>, ExportError> {
     let d_min = grains.d_min_mm();
     let surface = Surface::of(specimen);
     let spacing = options.spacing * d_min;
@@ -205,7 +207,9 @@ pub(super) fn lay(
     let mut near_surface = Vec::new();
     for i in 0..grains.len() {
         // Others cannot keep a node from the surface.
-        if specimen.clearance_reaching_all(grains.center(i), [0.0; 3]) < grains.outer_mm(i) + clear {
+        if specimen.clearance_reaching_all(grains.center_mm(i), [0.0; 3])
+            < grains.grain(i).outer_radius_mm() + clear
+        {
             let obstacle = Obstacle::grain(grains, i, clear);
             near_surface.push(obstacle);
             obstacles.push(obstacle);
@@ -243,8 +247,8 @@ pub(super) fn lay(
     let mut radii_mm = reserved(boundary + grains.len())?;
     radii_mm.resize(boundary, options.surface_radius * d_min);
     make_room(&mut points, grains.len())?;
-    points.extend((0..grains.len()).map(|i| grains.center(i)));
+    points.extend((0..grains.len()).map(|i| grains.center_mm(i)));
     radii_mm.extend((0..grains.len()).map(|i| grains.d_mm(i) / 2.0));
-    let (points_mm, reach) = (points, grains.reach()?);
-    Ok(Nodes { points_mm, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min, reach })
+    let (points_mm, grains) = (points, Some(Arc::clone(grains)));
+    Ok(Nodes { points_mm, radii_mm, boundary, on_vertices, on_edges, complete, d_min_mm: d_min, grains })
 }

@@ -1,11 +1,13 @@
 //! What keeps nodes out of a region: balls about the nodes so far, and grains with a clearance. They are sorted by the
 //! buckets that they touch, so that one bucket answers for a point.
 
-use super::grains::Grains;
+use nalgebra::Vector3;
+
 use super::surface::Edge;
 use crate::arrays::Each as _;
 use crate::elementary::cbrt;
 use crate::geometry::cells::Cells;
+use crate::grain::{Grain, PlacedGrains};
 
 /// Most buckets; beyond, they grow.
 const MAX_BUCKETS: f64 = 4.0e6;
@@ -32,27 +34,28 @@ impl Obstacle {
     }
 
     /// The points within a clearance of a grain.
-    pub(super) fn grain(grains: &Grains<'_>, grain: usize, clear_mm: f64) -> Self {
-        let (center, radius) = (grains.center(grain), grains.outer_mm(grain) + clear_mm);
-        let is_ball = matches!(grains, Grains::Spheres(_));
+    pub(super) fn grain(grains: &PlacedGrains<'_>, grain: usize, clear_mm: f64) -> Self {
+        let (center, own) = (grains.center_mm(grain), grains.grain(grain));
+        let radius = own.outer_radius_mm() + clear_mm;
+        let is_ball = own.inner_radius_mm() == own.outer_radius_mm();
         Self { center, radius, grain: (!is_ball).then_some((grain as u32, clear_mm)) }
     }
 
     /// Whether it holds everything within `reach` of `p`, as far as is easily proven.
-    fn covers(&self, grains: &Grains<'_>, p: [f64; 3], reach: f64) -> bool {
+    fn covers(&self, grains: &PlacedGrains<'_>, p: [f64; 3], reach: f64) -> bool {
         let distance2: f64 = (0..3).map(|a| (p[a] - self.center[a]).powi(2)).sum();
         let left = self.radius - reach;
         left > 0.0
             && distance2 < left * left
-            && self.grain.is_none_or(|(grain, clear)| grains.beyond_mm(grain as usize, p) + reach < clear)
+            && self.grain.is_none_or(|(grain, clear)| beyond_mm(grains, grain, p) + reach < clear)
     }
 
     /// The part of a line that it takes.
-    pub(super) fn on_line(&self, grains: &Grains<'_>, edge: &Edge) -> Option<(f64, f64)> {
+    pub(super) fn on_line(&self, grains: &PlacedGrains<'_>, edge: &Edge) -> Option<(f64, f64)> {
         let (from, to) = edge.inside(self.center, self.radius)?;
         let Some((grain, clear)) = self.grain else { return Some((from, to)) };
         // Beyond the surface by less than the clearance: that is an interval, for the grain is convex.
-        let beyond = |along: f64| grains.beyond_mm(grain as usize, edge.at(along)) - clear;
+        let beyond = |along: f64| beyond_mm(grains, grain, edge.at(along)) - clear;
         let (mut low, mut high) = (from, to);
         let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
         let mut values = inner.each(beyond);
@@ -87,9 +90,15 @@ impl Obstacle {
     }
 
     /// Whether it holds a point inside.
-    pub(super) fn holds(&self, grains: &Grains<'_>, p: [f64; 3]) -> bool {
+    pub(super) fn holds(&self, grains: &PlacedGrains<'_>, p: [f64; 3]) -> bool {
         self.covers(grains, p, 0.0)
     }
+}
+
+/// Distance of a point from the surface of a grain, as [`Grain::distance_mm`].
+pub(super) fn beyond_mm(grains: &PlacedGrains<'_>, grain: u32, p: [f64; 3]) -> f64 {
+    let from_center = Vector3::from(p) - Vector3::from(grains.center_mm(grain as usize));
+    grains.grain(grain as usize).distance_mm(&from_center)
 }
 
 /// The obstacles.
@@ -131,12 +140,12 @@ impl Obstacles {
     }
 
     /// Whether some obstacle holds `p` inside.
-    pub(super) fn hold(&self, grains: &Grains<'_>, p: [f64; 3]) -> bool {
+    pub(super) fn hold(&self, grains: &PlacedGrains<'_>, p: [f64; 3]) -> bool {
         self.any_near(p, |obstacle| obstacle.holds(grains, p))
     }
 
     /// Whether one obstacle holds everything within `reach` of `p`, as far as is easily proven.
-    pub(super) fn cover(&self, grains: &Grains<'_>, p: [f64; 3], reach: f64) -> bool {
+    pub(super) fn cover(&self, grains: &PlacedGrains<'_>, p: [f64; 3], reach: f64) -> bool {
         self.any_near(p, |obstacle| obstacle.covers(grains, p, reach))
     }
 

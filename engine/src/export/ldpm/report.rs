@@ -140,7 +140,7 @@ impl Checks {
 }
 
 impl NodeReport {
-    pub(super) fn new(nodes: &super::nodes::Nodes, options: &LatticeOptions) -> Self {
+    pub(super) fn new(nodes: &super::nodes::Nodes<'_>, options: &LatticeOptions) -> Self {
         let random = options.boundary_nodes == BoundaryNodes::Random;
         let factor = if random { options.fictitious_diameter } else { options.spacing };
         Self {

@@ -6,13 +6,13 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::grains::Grains;
 use super::obstacles::{Obstacle, Obstacles};
 use super::surface::{Edge, Face};
 use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::elementary::hypot;
 use crate::export::{ExportError, go_on};
+use crate::grain::PlacedGrains;
 use crate::rng::uniform;
 use crate::sorting;
 
@@ -29,7 +29,7 @@ const DRAWS_PER_LOOK: usize = 4096;
 pub(super) fn divide(
     edge: &Edge,
     distance: f64,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     obstacles: impl Iterator<Item = Obstacle>,
 ) -> Vec<[f64; 3]> {
     let mut taken: Vec<(f64, f64)> =
@@ -71,7 +71,7 @@ fn free_parts(taken: &[(f64, f64)], length: f64) -> Vec<(f64, f64)> {
 pub(super) fn fill(
     face: &Face,
     distance: f64,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     obstacles: &mut Obstacles,
     rng: &mut Xoshiro256PlusPlus,
     control: &dyn Control,
@@ -123,7 +123,7 @@ pub(super) fn fill(
 /// Whether a cell may have a place, as far as one obstacle at a time can tell.
 fn is_open(
     face: &Face,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     obstacles: &Obstacles,
     middle: [f64; 2],
     half: [f64; 2],
@@ -135,7 +135,7 @@ fn is_open(
 pub(super) fn scatter(
     count: u64,
     distance: f64,
-    grains: &Grains<'_>,
+    grains: &PlacedGrains<'_>,
     obstacles: &mut Obstacles,
     control: &dyn Control,
     points: &mut Vec<[f64; 3]>,

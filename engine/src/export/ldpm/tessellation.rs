@@ -65,7 +65,7 @@ pub(super) fn edge_parameter(length: f64, first_reach: f64, second_reach: f64) -
 }
 
 /// The point of the edge between two nodes.
-pub(super) fn edge_point(nodes: &Nodes, a: u32, b: u32) -> Point {
+pub(super) fn edge_point(nodes: &Nodes<'_>, a: u32, b: u32) -> Point {
     let (i, j) = (a.min(b) as usize, a.max(b) as usize);
     let (from, to) = (point(nodes.points_mm[i]), point(nodes.points_mm[j]));
     let along = to - from;
@@ -73,13 +73,13 @@ pub(super) fn edge_point(nodes: &Nodes, a: u32, b: u32) -> Point {
 }
 
 /// Half way from `from` to the surface of the body of `node`, towards the node.
-fn half_way(nodes: &Nodes, from: Point, node: u32) -> Point {
+fn half_way(nodes: &Nodes<'_>, from: Point, node: u32) -> Point {
     let to_center = point(nodes.points_mm[node as usize]) - from;
     from + to_center * (0.5 - 0.5 * nodes.reach_mm(node as usize, &-to_center) / to_center.norm())
 }
 
 /// The point of the face between three nodes.
-pub(super) fn face_point(nodes: &Nodes, mut face: [u32; 3]) -> Point {
+pub(super) fn face_point(nodes: &Nodes<'_>, mut face: [u32; 3]) -> Point {
     face.sort_unstable();
     let [a, b, c] = face;
     mean_on_face(
@@ -105,7 +105,7 @@ pub(super) struct Tet {
 }
 
 impl Tet {
-    pub(super) fn new(nodes: &Nodes, tet: [u32; 4]) -> Self {
+    pub(super) fn new(nodes: &Nodes<'_>, tet: [u32; 4]) -> Self {
         let edges = EDGES.each(|[i, j]| edge_point(nodes, tet[i], tet[j]));
         let edge_of = |i: usize, j: usize| match (i.min(j), i.max(j)) {
             (0, j) => edges[j - 1],
@@ -216,7 +216,7 @@ impl Facet {
 
 /// The six parts of a face on the surface, each with the node whose cell it bounds, and its corners in outward
 /// order. `face` is counter-clockwise from outside.
-pub(super) fn boundary_facets(nodes: &Nodes, face: [u32; 3]) -> [(u32, [Point; 3]); 6] {
+pub(super) fn boundary_facets(nodes: &Nodes<'_>, face: [u32; 3]) -> [(u32, [Point; 3]); 6] {
     let f = face_point(nodes, face);
     let [e01, e12, e20] =
         [[0, 1], [1, 2], [2, 0]].each(|[i, j]: [usize; 2]| edge_point(nodes, face[i], face[j]));

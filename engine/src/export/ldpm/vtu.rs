@@ -23,7 +23,7 @@ const POLYHEDRON: u8 = 42;
 
 /// A lattice to be written.
 pub(super) struct Vtu<'a> {
-    pub(super) lattice: &'a Lattice,
+    pub(super) lattice: &'a Lattice<'a>,
     pub(super) provenance: Option<&'a Provenance>,
     pub(super) steps: &'a Steps<'a>,
     /// Threads that share the arrays.
@@ -188,7 +188,7 @@ impl<'a> Vtu<'a> {
     }
 }
 
-impl Lattice {
+impl Lattice<'_> {
     /// Row of the grain at a node; -1 for nodes of the surface.
     fn grain(&self, node: usize) -> i32 {
         (node as i32 - self.nodes.boundary as i32).max(-1)
@@ -198,7 +198,7 @@ impl Lattice {
 /// Numbers of the points of facets and cells.
 #[derive(Clone, Copy)]
 struct Numbers<'a> {
-    lattice: &'a Lattice,
+    lattice: &'a Lattice<'a>,
     tets: u32,
     faces: u32,
     edges: u32,

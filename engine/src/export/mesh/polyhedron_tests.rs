@@ -64,8 +64,10 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
             assert!(inside, "{row}: {p:?} is outside of the specimen");
         }
         for other in (0..grains.len()).filter(|other| *other != row) {
-            let (template, place) =
-                (&templates[grains.shapes[other].template().unwrap() as usize], Place::of(grains, other));
+            let (template, place) = (
+                &templates[grains.shapes[other].template().unwrap() as usize],
+                Place::new(grains.shapes[other].d_mm(), &grains.poses[other]),
+            );
             assert!(points.iter().all(|p| template.distance(&place.local(&(*p).into())) > 0.0));
             if row < other {
                 let contact = bodies[row].with(&bodies[other]).contact();
@@ -95,7 +97,7 @@ fn sharp_polyhedra_have_their_volume_and_all_faces_where_these_are_asked_for() {
             let mut exact = 0;
             for row in 0..grains.len() {
                 let number = grains.shapes[row].template().unwrap() as usize;
-                let place = Place::of(&grains, row);
+                let place = Place::new(grains.shapes[row].d_mm(), &grains.poses[row]);
                 let away = |p: &[f64; 3]| templates[number].distance(&place.local(&(*p).into()));
                 let farthest = mesh.grain(row).0.iter().map(away).fold(0.0, f64::max);
                 assert!(farthest < 0.05 * grains.shapes[row].d_mm(), "{row}: {farthest}");
@@ -173,7 +175,7 @@ fn rounded_polyhedra_are_closed_convex_and_apart() {
                     for row in 0..grains.len() {
                         let (template, place) = (
                             &templates[grains.shapes[row].template().unwrap() as usize],
-                            Place::of(&grains, row),
+                            Place::new(grains.shapes[row].d_mm(), &grains.poses[row]),
                         );
                         let reach = |p: &[f64; 3]| template.distance(&place.local(&(*p).into()));
                         assert!(mesh.grain(row).0.iter().all(|p| reach(p) < 1e-12), "{row}");

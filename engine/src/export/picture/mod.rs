@@ -24,6 +24,7 @@ use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, PixelDimen
 
 use crate::control::{Control, Phase, Progress};
 use crate::export::{ExportError, Model, go_on};
+use crate::grain::PlacedGrains;
 use scene::{Scene, View};
 
 /// Pixels along the longer edge of a picture, where none are asked for.
@@ -55,7 +56,8 @@ pub fn write(
     out: &mut dyn Write,
 ) -> Result<(), ExportError> {
     go_on(control)?;
-    let scene = Scene::new(model)?;
+    let grains = PlacedGrains::new(model.grains)?;
+    let scene = Scene::new(model, &grains)?;
     let edges = lines::edges(model.specimen);
     let view = View::framing(model.specimen, options.pixels.clamp(64, 8192));
     let rows_per_step = 64;

@@ -49,7 +49,7 @@ impl Image {
 
 /// Renders the scene. `step` hears of the rows done and may stop the work.
 pub(super) fn render(
-    scene: &Scene,
+    scene: &Scene<'_>,
     view: &View,
     threads: NonZeroUsize,
     rows_per_step: usize,

@@ -1,20 +1,16 @@
 //! The solid that is seen, the grains in it, and the rays through both.
 
 use std::f64::consts::PI;
-use std::sync::Arc;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::arrays::{self, Each as _};
 use crate::elementary::{atan2, cbrt, cos, hypot, sin};
 use crate::export::Model;
-use crate::export::solids::{Sectioned, quadratic};
-use crate::geometry::convex::{Convex, Place};
 use crate::geometry::images::Images;
+use crate::grain::{Grain as _, PlacedGrain, PlacedGrains};
 use crate::memory::{OutOfMemory, reserved};
-use crate::packing::GrainsRef;
 use crate::request::Specimen;
-use crate::shape::Solid;
 
 /// Points and directions, in mm.
 pub(super) type Vector = Vector3<f64>;
@@ -93,91 +89,36 @@ impl View {
     }
 }
 
-/// The surface of a grain.
-#[derive(Clone)]
-enum Form {
-    Sphere,
-    /// By the inverse shape matrix in 1/mm².
-    Ellipsoid(Matrix3<f64>),
-    /// By the template and the place of the grain.
-    Polyhedron(Arc<Convex>, Place),
-}
-
 /// A grain, or the periodic image of one.
-#[derive(Clone)]
-pub(super) struct Grain {
+#[derive(Clone, Copy)]
+pub(super) struct Grain<'a> {
     pub(super) center: Vector,
     /// Radius of the sphere of equal volume.
     pub(super) radius: f64,
-    /// Radius of the smallest sphere around the grain.
-    outer: f64,
-    form: Form,
+    placed: PlacedGrain<'a>,
     /// The number of the grain, the same for its images.
     pub(super) number: u32,
 }
 
-impl Grain {
+impl Grain<'_> {
     /// Whether a point lies inside.
     fn contains(&self, p: &Vector) -> bool {
-        let to = p - self.center;
-        match &self.form {
-            Form::Sphere => to.norm_squared() < self.radius * self.radius,
-            Form::Ellipsoid(form) => quadratic(form, &to) < 1.0,
-            Form::Polyhedron(template, place) => {
-                to.norm_squared() < self.outer * self.outer && template.distance(&place.local(p)) < 0.0
-            }
-        }
+        self.placed.contains(&(p - self.center))
     }
 
     /// Outward normal at a point of the surface.
     pub(super) fn normal(&self, at: &Vector) -> Vector {
-        let to = at - self.center;
-        match &self.form {
-            Form::Sphere => to / self.radius,
-            Form::Ellipsoid(form) => (form * to).normalize(),
-            Form::Polyhedron(template, place) => place.rotation * template.normal(&place.local(at)),
-        }
+        self.placed.normal(&(at - self.center))
     }
 
     /// Distance along a ray to where it enters the grain.
     fn entry(&self, from: &Vector, direction: &Vector) -> Option<f64> {
-        let to = self.center - from;
-        let form = match &self.form {
-            Form::Sphere => {
-                let along = to.dot(direction);
-                let root = self.radius * self.radius - (to.norm_squared() - along * along);
-                return (root > 0.0).then(|| along - root.sqrt());
-            }
-            Form::Ellipsoid(form) => form,
-            Form::Polyhedron(template, place) => {
-                let step = place.rotation.tr_mul(direction) / place.scale;
-                return template.chord(&place.local(from), &step).map(|[enter, _]| enter);
-            }
-        };
-        let image = form * direction;
-        let (a, b) = (direction.dot(&image), to.dot(&image));
-        let root = b * b - a * (quadratic(form, &to) - 1.0);
-        (root > 0.0).then(|| (b - root.sqrt()) / a)
+        self.placed.chord_mm(&(from - self.center), direction).map(|[enter, _]| enter)
     }
 
-    /// Distance in mm from a point inside to the edge of the section by the plane through it with a unit normal, along
-    /// the line from the centre of the section.
+    /// Distance in mm from a point inside to the edge of the section by the plane through it with a unit normal.
     pub(super) fn edge_distance(&self, at: &Vector, normal: &Vector) -> f64 {
-        let to = at - self.center;
-        let height = to.dot(normal);
-        let form = match &self.form {
-            Form::Sphere => {
-                let disc = (self.radius * self.radius - height * height).max(0.0).sqrt();
-                return disc - (to - normal * height).norm();
-            }
-            Form::Ellipsoid(form) => form,
-            // The slope of the surface towards the cut is left out: the line is at least as wide as elsewhere.
-            Form::Polyhedron(template, place) => return -template.distance(&place.local(at)) * place.scale,
-        };
-        // To first order: what the form lacks over its gradient within the plane.
-        let gradient = form * to * 2.0;
-        let within = (gradient - normal * gradient.dot(normal)).norm();
-        if within > 0.0 { (1.0 - quadratic(form, &to)) / within } else { f64::INFINITY }
+        self.placed.to_outline_mm(&(at - self.center), normal)
     }
 }
 
@@ -211,10 +152,10 @@ impl Hit {
 }
 
 /// The specimen without the octant next to the eye, and its grains.
-pub(super) struct Scene {
+pub(super) struct Scene<'a> {
     specimen: Specimen,
     size: Vector,
-    grid: SceneGrid,
+    grid: SceneGrid<'a>,
     /// Smallest and largest diameter.
     pub(super) diameters: [f64; 2],
     /// Depth at which the matrix lets a share 1/e of the light through, in mm.
@@ -222,10 +163,10 @@ pub(super) struct Scene {
     eye: Vector,
 }
 
-impl Scene {
-    pub(super) fn new(model: &Model<'_>) -> Result<Self, OutOfMemory> {
+impl<'a> Scene<'a> {
+    pub(super) fn new(model: &Model<'_>, placed: &'a PlacedGrains<'a>) -> Result<Self, OutOfMemory> {
         let size = Vector::from(model.specimen.bounds_mm());
-        let grains = with_images(model)?;
+        let grains = with_images(model, placed)?;
         let sections: f64 = model.grains.diameters_mm().map(|d| PI / 4.0 * d * d).sum();
         let diameters = model
             .grains
@@ -242,7 +183,7 @@ impl Scene {
         self.grid.grains.len()
     }
 
-    pub(super) fn grain(&self, grain: u32) -> &Grain {
+    pub(super) fn grain(&self, grain: u32) -> &Grain<'a> {
         &self.grid.grains[grain as usize]
     }
 
@@ -346,34 +287,15 @@ impl Scene {
 }
 
 /// The grains, with those images of a periodic box that reach into it.
-fn with_images(model: &Model<'_>) -> Result<Vec<Grain>, OutOfMemory> {
-    let sectioned = Sectioned::new(model.grains)?;
+fn with_images<'a>(model: &Model<'_>, placed: &'a PlacedGrains<'a>) -> Result<Vec<Grain<'a>>, OutOfMemory> {
     let images = Images::new(model.specimen);
-    let templates: Vec<_> = Convex::all(model.grains.templates()).into_iter().map(Arc::new).collect();
-    let form_of = |grain: usize| match model.grains {
-        GrainsRef::Spheres(_) => Form::Sphere,
-        GrainsRef::Solids(grains) => match grains.shapes[grain] {
-            Solid::Ellipsoid(_) => {
-                sectioned.matrices(grain).map_or(Form::Sphere, |(_, inverse)| Form::Ellipsoid(*inverse))
-            }
-            Solid::Polyhedron { template, d_mm } => {
-                let place = Place::new(d_mm, &grains.poses[grain]);
-                Form::Polyhedron(Arc::clone(&templates[template as usize]), place)
-            }
-        },
-    };
-    let mut grains = reserved(sectioned.len())?;
-    for (i, diameter) in model.grains.diameters_mm().enumerate() {
-        let (center, half, radius) =
-            (Vector::from(sectioned.center(i)), sectioned.half_extents(i), diameter / 2.0);
-        let (form, outer) = (form_of(i), sectioned.outer_radius(i));
-        for image in images.meeting_box(center.into(), half) {
-            let center = center + image.offset_mm;
-            let mut form = form.clone();
-            if let Form::Polyhedron(_, place) = &mut form {
-                place.center = center;
-            }
-            grains.push(Grain { center, radius, outer, form, number: i as u32 });
+    let mut grains = reserved(placed.len())?;
+    for number in 0..placed.len() {
+        let (grain, radius) = (placed.grain(number), placed.d_mm(number) / 2.0);
+        let center = placed.center_mm(number);
+        for image in images.meeting_box(center, grain.half_extents_mm()) {
+            let center = Vector::from(center) + image.offset_mm;
+            grains.push(Grain { center, radius, placed: grain, number: number as u32 });
         }
     }
     Ok(grains)
@@ -394,8 +316,8 @@ impl Lists {
 }
 
 /// A uniform grid.
-struct SceneGrid {
-    grains: Vec<Grain>,
+struct SceneGrid<'a> {
+    grains: Vec<Grain<'a>>,
     cells: [usize; 3],
     edge: Vector,
     /// Grains that reach into each cell.
@@ -406,8 +328,8 @@ struct SceneGrid {
     shade: f64,
 }
 
-impl SceneGrid {
-    fn new(grains: Vec<Grain>, size: Vector) -> Self {
+impl<'a> SceneGrid<'a> {
+    fn new(grains: Vec<Grain<'a>>, size: Vector) -> Self {
         let wanted = cbrt(size.x * size.y * size.z / (CELLS_PER_GRAIN * grains.len().max(1) as f64));
         let cells: [usize; 3] =
             arrays::from_fn(|a| (size[a] / wanted).round().clamp(1.0, MOST_CELLS) as usize);
@@ -440,9 +362,9 @@ impl SceneGrid {
     }
 
     /// Calls back for each cell that a grain comes as near to as `reach`.
-    fn touched(&self, grain: &Grain, reach: f64, mut each: impl FnMut(usize)) {
+    fn touched(&self, grain: &Grain<'_>, reach: f64, mut each: impl FnMut(usize)) {
         // A margin, because a ray may round into the next cell.
-        let radius = (grain.outer + reach) * (1.0 + 1e-9);
+        let radius = (grain.placed.outer_radius_mm() + reach) * (1.0 + 1e-9);
         let [x, y, z] = std::array::from_fn(|a| {
             self.coordinate(a, grain.center[a] - radius)..=self.coordinate(a, grain.center[a] + radius)
         });

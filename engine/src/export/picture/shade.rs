@@ -24,7 +24,7 @@ const LINE: f64 = 0.45;
 const TOWARDS_LIGHT: [f64; 3] = [0.22, -0.74, 1.0];
 
 /// The light of one ray.
-pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
+pub(super) fn color(scene: &Scene<'_>, view: &View, hit: &Hit) -> Color {
     let linear = match *hit {
         Hit::Background => return BACKGROUND,
         Hit::Deep { at } => scaled(DEPTH, light(&scene.normal(&at))),
@@ -54,7 +54,7 @@ pub(super) fn color(scene: &Scene, view: &View, hit: &Hit) -> Color {
 }
 
 /// Colour of a plane that cuts grains: matrix, or a section with a line around it.
-fn flat(scene: &Scene, view: &View, at: &Vector, normal: &Vector, grain: Option<u32>) -> [f64; 3] {
+fn flat(scene: &Scene<'_>, view: &View, at: &Vector, normal: &Vector, grain: Option<u32>) -> [f64; 3] {
     let Some(grain) = grain else { return MATRIX };
     let line = LINE_PIXELS * view.stroke() / view.pixels_per_mm;
     let is_line = scene.grain(grain).edge_distance(at, normal) < line;
@@ -62,7 +62,7 @@ fn flat(scene: &Scene, view: &View, at: &Vector, normal: &Vector, grain: Option<
 }
 
 /// Colour of a grain: by its diameter, a little lighter or darker by its number.
-fn tone(scene: &Scene, grain: u32) -> [f64; 3] {
+fn tone(scene: &Scene<'_>, grain: u32) -> [f64; 3] {
     let sphere = scene.grain(grain);
     let [low, high] = scene.diameters;
     let along =

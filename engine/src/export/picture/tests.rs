@@ -75,7 +75,8 @@ fn the_grid_finds_the_nearest_grain() {
         (cube(Boundary::Periodic), shifted(&lattice(), 1.7)),
         (Specimen::Cylinder { diameter_mm: 40.0, height_mm: 40.0 }, within_cylinder(&lattice())),
     ] {
-        let scene = Scene::new(&Model::new(&specimen, &spheres)).unwrap();
+        let grains = PlacedGrains::new(&spheres).unwrap();
+        let scene = Scene::new(&Model::new(&specimen, &spheres), &grains).unwrap();
         let view = View::framing(&specimen, 90);
         let mut found = [0; 3];
         for y in 0..view.pixels[1] {
@@ -105,7 +106,7 @@ fn the_grid_finds_the_nearest_grain() {
     }
 }
 
-fn nearest(scene: &Scene, from: &scene::Vector, direction: &scene::Vector) -> Option<u32> {
+fn nearest(scene: &Scene<'_>, from: &scene::Vector, direction: &scene::Vector) -> Option<u32> {
     let mut best: Option<(f64, u32)> = None;
     for i in 0..scene.len() as u32 {
         let grain = scene.grain(i);
@@ -150,7 +151,8 @@ fn a_sphere_has_its_true_size_in_the_picture() {
     let mut spheres = Spheres::default();
     // In the corner next to the eye, below the cut, before everything else.
     spheres.push([36.0, 4.0, 10.0], 8.0);
-    let scene = Scene::new(&Model::new(&specimen, &spheres)).unwrap();
+    let grains = PlacedGrains::new(&spheres).unwrap();
+    let scene = Scene::new(&Model::new(&specimen, &spheres), &grains).unwrap();
     let view = View::framing(&specimen, 700);
     let mut columns = Vec::new();
     for y in 0..view.pixels[1] {
@@ -196,7 +198,8 @@ fn polyhedra_are_rendered_and_the_bytes_do_not_depend_on_the_threads() {
         let one = picture(1);
         assert!(one == picture(2));
         // Points of rays that hit grains lie on their surfaces, and normals point towards the eye.
-        let scene = Scene::new(&model).unwrap();
+        let placed = PlacedGrains::new(model.grains).unwrap();
+        let scene = Scene::new(&model, &placed).unwrap();
         let view = View::framing(&specimen, 200);
         let templates = crate::geometry::convex::Convex::all(&grains.templates);
         let mut hits = 0;
@@ -205,7 +208,8 @@ fn polyhedra_are_rendered_and_the_bytes_do_not_depend_on_the_threads() {
                 let hit = scene.trace(view.unproject([f64::from(x) + 0.5, f64::from(y) + 0.5]));
                 if let Hit::Grain { grain, at, .. } = hit {
                     let row = scene.grain(grain).number as usize;
-                    let place = crate::geometry::convex::Place::of(&grains, row);
+                    let place =
+                        crate::geometry::convex::Place::new(grains.shapes[row].d_mm(), &grains.poses[row]);
                     let template = &templates[grains.shapes[row].template().unwrap() as usize];
                     assert!(template.distance(&place.local(&at)).abs() < 1e-9);
                     assert!(scene.grain(grain).normal(&at).dot(&view.eye) > -1e-9);

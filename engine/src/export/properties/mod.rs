@@ -30,11 +30,11 @@ use self::phases::Phases;
 pub(super) use self::phases::{check_materials, of_material};
 use self::state::State;
 use self::voxelize::{Cuts, Voxelized, voxelize};
-use super::solids::Sectioned;
 use super::voxels::VoxelGrid;
 use super::{ExportError, Model};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
+use crate::grain::PlacedGrains;
 use crate::homogenization::moduli::{
     conduction_bounds, elastic_bounds, expansion, isotropic_conductivity, isotropic_projection,
     universal_anisotropy, youngs_moduli,
@@ -306,10 +306,10 @@ impl Work<'_> {
             CutVoxels::Mixed => Cuts::Mixed,
             CutVoxels::Labels => Cuts::Labels,
         };
-        let solids = Sectioned::new(self.model.grains)?;
+        let grains = PlacedGrains::new(self.model.grains)?;
         let of_grain = self.model.grains.aggregate();
         let phase = |grain: usize| 1 + of_grain.get(grain).copied().unwrap_or(0) as u8;
-        voxelize(self.model, &solids, &grid, cuts, phase, self.limits.export_threads, control)
+        voxelize(self.model, &grains, &grid, cuts, phase, self.limits.export_threads, control)
     }
 
     fn error(&self, error: HomogenizationError) -> ExportError {

@@ -11,10 +11,10 @@ use nalgebra::{Matrix3, Vector3};
 use super::cut_ellipsoid::CutEllipsoid;
 use super::cut_polyhedron::{Cutter, Pieces, Range, shares};
 use crate::control::Control;
-use crate::export::solids::{Aim, Sectioned};
 use crate::export::voxels::VoxelGrid;
 use crate::export::{ExportError, Model, go_on};
 use crate::geometry::images::Images;
+use crate::grain::{FlatFaces, Grain as _, PlacedGrains, RowLines, Surface};
 use crate::homogenization::{CUT, CutVoxel, Voxels};
 use crate::memory::{OutOfMemory, filled, make_room, reserved};
 use crate::threads::share;
@@ -79,7 +79,7 @@ struct Plane<'p> {
 /// [`ExportError::Stopped`] and [`ExportError::OutOfMemory`].
 pub(super) fn voxelize(
     model: &Model<'_>,
-    solids: &Sectioned<'_>,
+    grains: &PlacedGrains<'_>,
     grid: &VoxelGrid,
     cuts: Cuts,
     phase: impl Fn(usize) -> u8,
@@ -88,9 +88,9 @@ pub(super) fn voxelize(
 ) -> Result<Voxelized, ExportError> {
     let [nx, ny, nz] = grid.shape;
     let images = Images::new(model.specimen);
-    let mut bodies: Vec<Body> = reserved(solids.len())?;
-    for grain in 0..solids.len() {
-        let (center, half) = (solids.center(grain), solids.half_extents(grain));
+    let mut bodies: Vec<Body> = reserved(grains.len())?;
+    for grain in 0..grains.len() {
+        let (center, half) = (grains.center_mm(grain), grains.grain(grain).half_extents_mm());
         for image in images.meeting_box(center, half) {
             let center = [0, 1, 2].map(|axis| center[axis] + image.offset_mm[axis]);
             make_room(&mut bodies, 1)?;
@@ -108,7 +108,7 @@ pub(super) fn voxelize(
             refused: None,
         })
         .collect();
-    let work = Work { solids, grid, bodies: &bodies };
+    let work = Work { grains, grid, bodies: &bodies };
     share(threads, &mut planes, |k, plane| {
         if !control.should_stop() {
             match cuts {
@@ -134,7 +134,7 @@ pub(super) fn voxelize(
 }
 
 struct Work<'a> {
-    solids: &'a Sectioned<'a>,
+    grains: &'a PlacedGrains<'a>,
     grid: &'a VoxelGrid,
     bodies: &'a [Body],
 }
@@ -158,9 +158,9 @@ impl Work<'_> {
     /// Phases by the centres of the voxels.
     fn label(&self, k: usize, plane: &mut Plane<'_>) {
         let (nx, z) = (self.grid.shape[0], self.grid.center(2, k));
-        let mut aim = Aim::default();
+        let mut lines = RowLines::default();
         for body in self.at(z, z) {
-            let section = self.solids.section(body.grain, body.center, z - body.center[2], &mut aim);
+            let section = self.grains.rows(body.grain, body.center, z - body.center[2], &mut lines);
             let [low, high] = section.y();
             for j in self.grid.centers_within(1, low, high) {
                 let [from, to] = section.x_at(self.grid.center(1, j));
@@ -173,14 +173,12 @@ impl Work<'_> {
     fn cut(&self, k: usize, plane: &mut Plane<'_>) {
         let heights = [self.grid.corner(2, k), self.grid.corner(2, k + 1)];
         let mut entries = Vec::new();
-        let (mut aim, mut space) = (Aim::default(), (Cutter::default(), Vec::new()));
+        let (mut lines, mut space) = (RowLines::default(), (Cutter::default(), Vec::new()));
         for body in self.at(heights[0], heights[1]) {
-            match self.solids.polyhedron(body.grain) {
-                None => self.ellipsoid(heights, body, plane, &mut entries),
-                Some((convex, _)) if convex.rounding > 0.0 => {
-                    self.along_lines(heights, body, &mut entries, &mut aim);
-                }
-                Some(_) => self.sharp(heights, body, plane, &mut entries, &mut space),
+            match self.grains.grain(body.grain).surface() {
+                Surface::Quadric(matrix) => self.quadric(&matrix, heights, body, plane, &mut entries),
+                Surface::Flat(faces) => self.flat(faces, heights, body, plane, &mut entries, &mut space),
+                Surface::Curved => self.along_lines(heights, body, &mut entries, &mut lines),
             }
         }
         // Stable: of bodies in the order of the grains.
@@ -202,13 +200,16 @@ impl Work<'_> {
         }
     }
 
-    /// The voxels of a layer that an ellipsoid fills or cuts.
-    fn ellipsoid(&self, [low, _]: [f64; 2], body: &Body, plane: &mut Plane<'_>, entries: &mut Vec<Entry>) {
-        let inverse = match self.solids.matrices(body.grain) {
-            Some((_, inverse)) => *inverse,
-            None => Matrix3::from_diagonal_element(1.0 / (body.half[0] * body.half[0])),
-        };
-        let Some(cut) = CutEllipsoid::new(&inverse, self.grid.spacing_mm) else { return };
+    /// The voxels of a layer that the ellipsoid `p · M p <= 1` about the centre of a body fills or cuts.
+    fn quadric(
+        &self,
+        matrix: &Matrix3<f64>,
+        [low, _]: [f64; 2],
+        body: &Body,
+        plane: &mut Plane<'_>,
+        entries: &mut Vec<Entry>,
+    ) {
+        let Some(cut) = CutEllipsoid::new(matrix, self.grid.spacing_mm) else { return };
         for j in self.reach(1, body) {
             for i in self.reach(0, body) {
                 let corner = Vector3::new(self.grid.corner(0, i), self.grid.corner(1, j), low);
@@ -218,16 +219,16 @@ impl Work<'_> {
         }
     }
 
-    /// The voxels of a layer that a sharp polyhedron fills or cuts.
-    fn sharp(
+    /// The voxels of a layer that a body with flat faces fills or cuts.
+    fn flat(
         &self,
+        faces: FlatFaces<'_>,
         heights: [f64; 2],
         body: &Body,
         plane: &mut Plane<'_>,
         entries: &mut Vec<Entry>,
         (cutter, pieces): &mut (Cutter, Vec<Pieces>),
     ) {
-        let Some((convex, place)) = self.solids.polyhedron(body.grain) else { return };
         let (columns, rows) = (self.reach(0, body), self.reach(1, body));
         let range = |axis: usize, of: &std::ops::Range<usize>| Range {
             first: of.start,
@@ -238,9 +239,7 @@ impl Work<'_> {
         let ranges = [range(0, &columns), range(1, &rows)];
         pieces.clear();
         pieces.resize((columns.len() + 1) * rows.len(), Pieces::NONE);
-        for face in &convex.faces {
-            let corners =
-                face.iter().map(|vertex| place.rotation * convex.vertices[*vertex as usize] * place.scale);
+        for corners in faces.corners_mm() {
             cutter.add(corners, heights.map(|z| z - body.center[2]), ranges, pieces);
         }
         let [dx, dy, dz] = self.grid.spacing_mm;
@@ -280,8 +279,14 @@ impl Work<'_> {
         }
     }
 
-    /// The parts of a layer's voxels that a rounded polyhedron fills.
-    fn along_lines(&self, [low, high]: [f64; 2], body: &Body, entries: &mut Vec<Entry>, aim: &mut Aim) {
+    /// The parts of a layer's voxels that a body fills, by lines through it.
+    fn along_lines(
+        &self,
+        [low, high]: [f64; 2],
+        body: &Body,
+        entries: &mut Vec<Entry>,
+        scratch: &mut RowLines,
+    ) {
         let (columns, rows) = (self.reach(0, body), self.reach(1, body));
         let [dx, dy, _] = self.grid.spacing_mm;
         let width = columns.len();
@@ -294,7 +299,7 @@ impl Work<'_> {
             if dz.abs() >= body.half[2] {
                 continue;
             }
-            let section = self.solids.section(body.grain, body.center, dz, aim);
+            let section = self.grains.rows(body.grain, body.center, dz, scratch);
             for (j, shares) in rows.clone().zip(shares.chunks_exact_mut(width)) {
                 for line in 0..LINES {
                     let [from, to] = section.x_at((j as f64 + middle(line)) * dy);
@@ -319,16 +324,9 @@ impl Work<'_> {
         }
     }
 
-    /// The outward normal of a grain near a point, not of unit length.
+    /// The outward normal of a grain near a point.
     fn normal(&self, body: &Body, at: &Vector3<f64>) -> Vector3<f64> {
-        let from_center = at - Vector3::from(body.center);
-        if let Some((_, inverse)) = self.solids.matrices(body.grain) {
-            return inverse * from_center;
-        }
-        match self.solids.polyhedron(body.grain) {
-            Some((convex, place)) => place.rotation * convex.normal(&place.turned_back(&from_center)),
-            None => from_center,
-        }
+        self.grains.grain(body.grain).normal(&(at - Vector3::from(body.center)))
     }
 }
 

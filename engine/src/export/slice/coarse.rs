@@ -38,7 +38,7 @@ pub(super) fn corners(cut: &Cut, sizes: Sizes) -> Vec<Option<Vec<Point>>> {
         made.push(polygon.map(|polygon| {
             let corners = divided(polygon, edge_mm(polygon, sizes));
             let (area, outer) = (polygon.area_mm2(), section.figure.outer_mm());
-            let wanted = (area / super::polygon::area(&corners)).sqrt();
+            let wanted = (area / crate::grain::figure::area(&corners)).sqrt();
             let factor = wanted.min(1.0 + room / outer);
             // Images of one grain at opposite edges stay equal.
             let image = (section.grain, area.to_bits());
@@ -264,7 +264,7 @@ mod tests {
             assert!(corners.len() >= 4 && corners.len() <= most, "{r}: {}", corners.len());
             let shortest = (0..corners.len()).map(|i| length(corners[i], corners[(i + 1) % corners.len()]));
             assert!(shortest.fold(f64::INFINITY, f64::min) > SHORT * edge_mm, "{r}: {corners:?}");
-            let (coarse, exact) = (super::super::polygon::area(&corners), polygon.area_mm2());
+            let (coarse, exact) = (crate::grain::figure::area(&corners), polygon.area_mm2());
             assert!((0.97..1.0).contains(&(coarse / exact)), "{r}: {coarse}, {exact}");
         }
     }

@@ -4,12 +4,11 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::figure::{Ellipse, Figure};
-use super::{Axis, Polygon, SliceReport};
+use super::{Axis, Figure, SliceReport};
 use crate::arrays::Each as _;
 use crate::export::Model;
-use crate::export::solids::Sectioned;
 use crate::geometry::images::Images;
+use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::OutOfMemory;
 use crate::request::GrainKind;
 use crate::request::Specimen;
@@ -125,21 +124,22 @@ impl Cut {
             kind: model.grains.kind(),
             sections: Vec::new(),
         };
-        let solids = Sectioned::new(model.grains)?;
+        let grains = PlacedGrains::new(model.grains)?;
         let images = Images::new(model.specimen);
-        for grain in 0..solids.len() {
-            let (center, half) = (solids.center(grain), solids.half_extents(grain));
+        for grain in 0..grains.len() {
+            let (center, half) = (grains.center_mm(grain), grains.grain(grain).half_extents_mm());
             let steps = |axis: usize| images.steps(axis, center[axis], half[axis]).map(f64::from);
             for step in steps(axis.index()) {
                 let height = at_mm - (center[axis.index()] + step * bounds[axis.index()]);
-                let Some((aside, figure)) = figure_of(&solids, grain, [u, v, axis.index()], height) else {
+                let section = grains.grain(grain).section([u, v, axis.index()], height);
+                let Some((aside, figure)) = section else {
                     continue;
                 };
                 for du in steps(u) {
                     for dv in steps(v) {
                         let moved = [center[u] + du * bounds[u], center[v] + dv * bounds[v]];
                         let center_mm = [moved[0] + aside[0], moved[1] + aside[1]];
-                        cut.push(center_mm, figure.clone(), grain, solids.equivalent_diameter(grain));
+                        cut.push(center_mm, figure.clone(), grain, grains.d_mm(grain));
                     }
                 }
             }
@@ -209,27 +209,4 @@ impl Cut {
             triangles: None,
         }
     }
-}
-
-/// What the plane at a height above the centre of a grain cuts out of it, and where the middle of that lies, seen from
-/// the centre; the plane is across the last of the axes.
-fn figure_of(
-    solids: &Sectioned<'_>,
-    grain: usize,
-    axes: [usize; 3],
-    height: f64,
-) -> Option<([f64; 2], Figure)> {
-    if let Some((shape, inverse)) = solids.matrices(grain) {
-        return Ellipse::of_section(shape, inverse, axes, height)
-            .map(|(center, ellipse)| (center, Figure::Ellipse(ellipse)));
-    }
-    if let Some((template, place)) = solids.polyhedron(grain) {
-        return Polygon::of_section(template, &place, axes, height)
-            .map(|(center, polygon)| (center, Figure::Polygon(polygon)));
-    }
-    let (radius, height) = (solids.outer_radius(grain), height.abs());
-    (height < radius).then(|| {
-        let radius_mm = ((radius - height) * (radius + height)).sqrt();
-        ([0.0; 2], Figure::Circle { radius_mm })
-    })
 }

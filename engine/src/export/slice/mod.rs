@@ -2,17 +2,14 @@
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut; `triangles` meshes it. A cut is perpendicular
 //! to one axis; its own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is
-//! one of them. Spheres are cut in circles, ellipsoids in ellipses (`figure`), polyhedra in polygons (`polygon`). The
+//! one of them. Spheres are cut in circles, ellipsoids in ellipses, polyhedra in polygons (`grain::figure`). The
 //! module knows grains and their specimen; it must never know how they were packed.
 
 mod coarse;
 mod cut;
-mod figure;
 mod geo;
 mod json;
-mod overlap;
 mod png;
-mod polygon;
 mod svg;
 mod triangles;
 
@@ -20,10 +17,9 @@ use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::grain::figure::{Ellipse, Figure, Polygon, TOLERANCE};
 pub use cut::{Cut, Outline, Section};
-pub use figure::{Ellipse, Figure};
 pub use json::SliceDocument;
-pub use polygon::{Polygon, TOLERANCE};
 pub(super) use triangles::mesh_of;
 pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 

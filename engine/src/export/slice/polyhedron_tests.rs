@@ -94,7 +94,7 @@ fn polygons_of_rounded_grains_are_inscribed_within_the_tolerance() {
                 let bounds = specimen.bounds_mm();
                 let distance = |p: [f64; 2]| {
                     let at = |x: f64, y: f64, z: f64| {
-                        let mut place = Place::of(&grains, row);
+                        let mut place = Place::new(grains.shapes[row].d_mm(), &grains.poses[row]);
                         place.center += Vector3::new(x * bounds[0], y * bounds[1], z * bounds[2]);
                         let mut q = Vector3::zeros();
                         (q[u], q[v], q[axis.index()]) = (p[0], p[1], at_mm);

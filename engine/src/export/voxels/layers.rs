@@ -7,8 +7,8 @@ use std::ops::Range;
 
 use crate::arrays::Each as _;
 use crate::export::Model;
-use crate::export::solids::{Aim, Section, Sectioned};
 use crate::geometry::images::Images;
+use crate::grain::{Grain as _, PlacedGrains, RowLines, Rows};
 use crate::memory::{OutOfMemory, make_room, refill, reserved};
 
 use super::VoxelGrid;
@@ -28,7 +28,7 @@ struct Body {
 
 /// The bodies of a packing, the lowest first.
 pub(super) struct Bodies<'a> {
-    pub(super) solids: &'a Sectioned<'a>,
+    pub(super) grains: &'a PlacedGrains<'a>,
     pub(super) grid: &'a VoxelGrid,
     bounds: [f64; 3],
     sorted: Vec<Body>,
@@ -52,7 +52,7 @@ pub(super) struct Sweep {
     passed: usize,
     /// Those that the last layer may touch, in their order.
     active: Vec<Active>,
-    aim: Aim,
+    lines: RowLines,
     /// Whether a grain has got a voxel, a bit each.
     seen: Vec<u64>,
 }
@@ -73,14 +73,14 @@ impl<'a> Bodies<'a> {
     /// When the system refuses memory.
     pub(super) fn new(
         model: &Model<'_>,
-        solids: &'a Sectioned<'a>,
+        grains: &'a PlacedGrains<'a>,
         grid: &'a VoxelGrid,
     ) -> Result<Self, OutOfMemory> {
         let bounds = model.specimen.bounds_mm();
-        let mut sorted = reserved(solids.len())?;
+        let mut sorted = reserved(grains.len())?;
         let images = Images::new(model.specimen);
-        for grain in 0..solids.len() {
-            let (center, half) = (solids.center(grain), solids.half_extents(grain));
+        for grain in 0..grains.len() {
+            let (center, half) = (grains.center_mm(grain), grains.grain(grain).half_extents_mm());
             for image in images.meeting_box(center, half) {
                 let low = center[2] + f64::from(image.steps[2]) * bounds[2] - half[2];
                 make_room(&mut sorted, 1)?;
@@ -91,16 +91,16 @@ impl<'a> Bodies<'a> {
         sorted.sort_unstable_by(|a: &Body, b: &Body| {
             a.low.total_cmp(&b.low).then(b.grain.cmp(&a.grain)).then(b.steps.cmp(&a.steps))
         });
-        Ok(Self { solids, grid, bounds, sorted })
+        Ok(Self { grains, grid, bounds, sorted })
     }
 
     fn activated(&self, body: &Body) -> Active {
         let grain = body.grain as usize;
-        let mut center = self.solids.center(grain);
+        let mut center = self.grains.center_mm(grain);
         for ((x, steps), length) in center.iter_mut().zip(body.steps).zip(self.bounds) {
             *x += f64::from(steps) * length;
         }
-        let half_y = (self.solids.half_extents(grain)[1] * 1.001) as f32;
+        let half_y = (self.grains.grain(grain).half_extents_mm()[1] * 1.001) as f32;
         Active { center, low: body.low, high: body.high, grain: body.grain, half_y }
     }
 
@@ -109,8 +109,8 @@ impl<'a> Bodies<'a> {
         &self,
         z: f64,
         rows: &Range<usize>,
-        (active, aim): (&[Active], &mut Aim),
-        mut visit: impl FnMut(usize, &Section<'_>),
+        (active, lines): (&[Active], &mut RowLines),
+        mut visit: impl FnMut(usize, &Rows<'_>),
     ) {
         let dy = self.grid.spacing_mm[1];
         // A row more on either side, for digits of rounding.
@@ -119,7 +119,7 @@ impl<'a> Bodies<'a> {
             let half_y = f64::from(body.half_y);
             if body.center[1] + half_y >= from && body.center[1] - half_y <= to {
                 let grain = body.grain as usize;
-                visit(grain, &self.solids.section(grain, body.center, z - body.center[2], aim));
+                visit(grain, &self.grains.rows(grain, body.center, z - body.center[2], lines));
             }
         }
     }
@@ -138,11 +138,11 @@ impl<'a> Bodies<'a> {
         let (grid, rows) = (self.grid, &part.rows);
         let z = grid.center(2, part.k);
         sweep.reach(self, [z, z])?;
-        let Sweep { active, aim, seen, .. } = sweep;
+        let Sweep { active, lines, seen, .. } = sweep;
         if seen.is_empty() {
-            refill(seen, self.solids.len().div_ceil(64), 0)?;
+            refill(seen, self.grains.len().div_ceil(64), 0)?;
         }
-        self.for_each_at(z, rows, (active, aim), |grain, section| {
+        self.for_each_at(z, rows, (active, lines), |grain, section| {
             let value = label(grain);
             let mut any = false;
             let [low, high] = section.y();
@@ -179,7 +179,7 @@ impl<'a> Bodies<'a> {
         sweep.reach(self, [height(0), height(samples - 1)])?;
         let of_row = samples as usize;
         for sample in 0..samples {
-            self.for_each_at(height(sample), rows, (&sweep.active, &mut sweep.aim), |_, section| {
+            self.for_each_at(height(sample), rows, (&sweep.active, &mut sweep.lines), |_, section| {
                 let step = dy / lines;
                 let met = lines_within(section.y(), step, grid.shape[1] * of_row);
                 for line in met.start.max(rows.start * of_row)..met.end.min(rows.end * of_row) {
@@ -199,8 +199,8 @@ impl<'a> Bodies<'a> {
             sweeps.clone().fold(0, |bits: u64, sweep| bits | sweep.seen.get(word).copied().unwrap_or(0))
         };
         let with: u64 =
-            (0..self.solids.len().div_ceil(64)).map(|word| u64::from(seen(word).count_ones())).sum();
-        self.solids.len() as u64 - with
+            (0..self.grains.len().div_ceil(64)).map(|word| u64::from(seen(word).count_ones())).sum();
+        self.grains.len() as u64 - with
     }
 }
 

@@ -39,8 +39,8 @@ use self::pass::{LayerSteps, Work};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
-use crate::export::solids::Sectioned;
 use crate::export::{ExportError, Model, materials};
+use crate::grain::PlacedGrains;
 use crate::plan::Limits;
 use crate::request::Specimen;
 
@@ -122,7 +122,7 @@ pub fn write(
     control: &dyn Control,
     out: &mut dyn Write,
 ) -> Result<VoxelReport, ExportError> {
-    let solids = Sectioned::new(model.grains)?;
+    let placed = PlacedGrains::new(model.grains)?;
     let grid = VoxelGrid::new(model.specimen, options);
     options.check_specimen(model.specimen)?;
     options.check(&grid, limits)?;
@@ -134,7 +134,7 @@ pub fn write(
         _ => grid.shape[2],
     };
     let work = Work {
-        bodies: Bodies::new(model, &solids, &grid)?,
+        bodies: Bodies::new(model, &placed, &grid)?,
         groups: &groups,
         threads: limits.export_threads,
         control,
@@ -179,7 +179,7 @@ pub fn write(
         inside_voxels: found.inside,
         aggregate_voxels: found.aggregate,
         grains_without_voxel: found.grains_without_voxel,
-        volume_fraction: share::exact_mm3(&solids) / volume_mm3,
+        volume_fraction: share::exact_mm3(&placed) / volume_mm3,
         volume_fraction_labels: found.aggregate as f64 / found.inside as f64,
         volume_fraction_samples: sampled_mm3 / volume_mm3,
         aggregates: found.by_aggregate(&groups, &numbers),

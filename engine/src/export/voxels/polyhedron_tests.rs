@@ -37,8 +37,10 @@ fn voxels_of_polyhedra_are_those_whose_centres_lie_inside() {
             }
             let mut found = 0;
             for row in 0..grains.len() {
-                let (template, place) =
-                    (&templates[grains.shapes[row].template().unwrap() as usize], Place::of(&grains, row));
+                let (template, place) = (
+                    &templates[grains.shapes[row].template().unwrap() as usize],
+                    Place::new(grains.shapes[row].d_mm(), &grains.poses[row]),
+                );
                 let outer = grains.templates[grains.shapes[row].template().unwrap() as usize].outer_radius()
                     * place.scale;
                 for x in shifts {

@@ -6,8 +6,8 @@ use super::Work;
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::pieces::{in_order, slots};
-use crate::export::solids::{Aim, Sectioned};
 use crate::export::{ExportError, go_on};
+use crate::grain::{Grain as _, PlacedGrains, RowLines};
 use crate::memory::{OutOfMemory, make_room};
 
 /// Lines of a piece of the work, where one grain has not more: a tenth of a millisecond for spheres, a few milliseconds
@@ -17,8 +17,8 @@ const LINES_PER_PIECE: f64 = 16_384.0;
 const LINES_PER_LOOK: i64 = 1 << 16;
 
 /// Volume of all grains.
-pub(super) fn exact_mm3(solids: &Sectioned<'_>) -> f64 {
-    (0..solids.len()).map(|grain| solids.volume_mm3(grain)).sum()
+pub(super) fn exact_mm3(grains: &PlacedGrains<'_>) -> f64 {
+    (0..grains.len()).map(|grain| grains.grain(grain).volume_mm3()).sum()
 }
 
 /// Volume of all grains by lines along x, samples² through each voxel: the sum of all voxels' shares.
@@ -26,19 +26,19 @@ pub(super) fn exact_mm3(solids: &Sectioned<'_>) -> f64 {
 /// The lines of a periodic box meet those of its neighbours, so that a grain that crosses its faces is measured
 /// in one piece.
 pub(super) fn volume_mm3(work: &Work<'_>, samples: u32) -> Result<f64, ExportError> {
-    let (solids, control) = (work.bodies.solids, work.control);
+    let (placed, control) = (work.bodies.grains, work.control);
     let [_, dy, dz] = work.bodies.grid.spacing_mm.each(|spacing| spacing / f64::from(samples));
-    let ends = ends_of_pieces(solids, [dy, dz])?;
+    let ends = ends_of_pieces(placed, [dy, dz])?;
     let grains = |piece: usize| piece.checked_sub(1).map_or(0, |before| ends[before])..ends[piece];
     let mut length = 0.0;
     in_order(
-        &mut slots(work.threads, ends.len(), <(Vec<f64>, Aim)>::default),
+        &mut slots(work.threads, ends.len(), <(Vec<f64>, RowLines)>::default),
         ends.len(),
-        |piece, (lengths, aim)| {
+        |piece, (lengths, lines)| {
             lengths.clear();
             make_room(lengths, grains(piece).len())?;
             for grain in grains(piece) {
-                lengths.push(length_of(solids, grain, [dy, dz], aim, control)?);
+                lengths.push(length_of(placed, grain, [dy, dz], lines, control)?);
             }
             Ok(())
         },
@@ -51,12 +51,12 @@ pub(super) fn volume_mm3(work: &Work<'_>, samples: u32) -> Result<f64, ExportErr
 }
 
 /// The first grain after each piece of the work.
-fn ends_of_pieces(solids: &Sectioned<'_>, [dy, dz]: [f64; 2]) -> Result<Vec<usize>, OutOfMemory> {
+fn ends_of_pieces(grains: &PlacedGrains<'_>, [dy, dz]: [f64; 2]) -> Result<Vec<usize>, OutOfMemory> {
     let (mut ends, mut lines) = (Vec::new(), 0.0);
-    for grain in 0..solids.len() {
-        let [_, half_y, half_z] = solids.half_extents(grain);
+    for grain in 0..grains.len() {
+        let [_, half_y, half_z] = grains.grain(grain).half_extents_mm();
         lines += (1.0 + 2.0 * half_y / dy) * (1.0 + 2.0 * half_z / dz);
-        if lines >= LINES_PER_PIECE || grain + 1 == solids.len() {
+        if lines >= LINES_PER_PIECE || grain + 1 == grains.len() {
             make_room(&mut ends, 1)?;
             ends.push(grain + 1);
             lines = 0.0;
@@ -67,16 +67,16 @@ fn ends_of_pieces(solids: &Sectioned<'_>, [dy, dz]: [f64; 2]) -> Result<Vec<usiz
 
 /// Length of all lines in a grain.
 fn length_of(
-    solids: &Sectioned<'_>,
+    grains: &PlacedGrains<'_>,
     grain: usize,
     [dy, dz]: [f64; 2],
-    aim: &mut Aim,
+    scratch: &mut RowLines,
     control: &dyn Control,
 ) -> Result<f64, ExportError> {
-    let (center, half) = (solids.center(grain), solids.half_extents(grain));
+    let (center, half) = (grains.center_mm(grain), grains.grain(grain).half_extents_mm());
     let (mut length, mut lines) = (0.0, 0);
     for plane in lines_within([center[2] - half[2], center[2] + half[2]], dz) {
-        let section = solids.section(grain, center, (plane as f64 + 0.5) * dz - center[2], aim);
+        let section = grains.rows(grain, center, (plane as f64 + 0.5) * dz - center[2], scratch);
         let within = lines_within(section.y(), dy);
         lines += within.end - within.start + 1;
         length += within.map(|line| section.length_at((line as f64 + 0.5) * dy)).sum::<f64>();

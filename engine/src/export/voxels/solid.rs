@@ -10,8 +10,8 @@ use super::{Label, VoxelGrid, VoxelOptions};
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::solid::{ElementKind, ElementSide, PhaseRole, PhaseSet, SolidMesh, SpecimenFace};
-use crate::export::solids::Sectioned;
 use crate::export::{ExportError, Model, go_on};
+use crate::grain::PlacedGrains;
 use crate::memory::{filled, reserved};
 use crate::plan::Limits;
 use crate::request::{FieldError, Specimen};
@@ -52,10 +52,10 @@ pub(in crate::export) fn solid_mesh(
         );
         return Err(ExportError::TooLarge(FieldError::new(pointer, detail)));
     }
-    let solids = Sectioned::new(model.grains)?;
+    let placed = PlacedGrains::new(model.grains)?;
     let groups = AggregateGroups::of(model);
     let work = Work {
-        bodies: Bodies::new(model, &solids, &grid)?,
+        bodies: Bodies::new(model, &placed, &grid)?,
         groups: &groups,
         threads: limits.export_threads,
         control,

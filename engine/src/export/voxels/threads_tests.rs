@@ -113,9 +113,9 @@ fn parts_of_layers_are_those_of_whole_layers() {
         let samples = Samples::new(&specimen);
         for grains in samples.all() {
             let model = Model::new(&specimen, grains);
-            let solids = Sectioned::new(grains).unwrap();
+            let placed = PlacedGrains::new(grains).unwrap();
             let grid = VoxelGrid::new(&specimen, &read(VoxelFormat::Raw, &json!({"cells": 29})).unwrap());
-            let bodies = Bodies::new(&model, &solids, &grid).unwrap();
+            let bodies = Bodies::new(&model, &placed, &grid).unwrap();
             let [nx, ny, nz] = grid.shape;
             let made = |rows_of_part: usize, sweeps: usize| {
                 let (mut labels, mut shares) = (vec![0_u32; nx * ny * nz], vec![0.0_f32; nx * ny * nz]);

@@ -15,7 +15,6 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::elementary::atan2;
-use crate::packing::Solids;
 use crate::shape::{Polyhedron, Pose};
 pub(crate) use lines::Lines;
 use lines::Slant;
@@ -60,11 +59,6 @@ pub(crate) struct Place {
 impl Place {
     pub(crate) fn new(d_mm: f64, pose: &Pose) -> Self {
         Self { center: pose.center_mm, rotation: pose.rotation(), scale: d_mm }
-    }
-
-    /// Where a grain of a packing is.
-    pub(crate) fn of(grains: &Solids, grain: usize) -> Self {
-        Self::new(grains.shapes[grain].d_mm(), &grains.poses[grain])
     }
 
     /// A vector in the axes and the unit of the template.

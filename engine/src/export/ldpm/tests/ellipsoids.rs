@@ -1,11 +1,14 @@
 //! Lattices of ellipsoids and polyhedra.
 
+use std::sync::Arc;
+
+use crate::grain::PlacedGrains;
 use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::json;
 
-use super::super::grains::Grains;
 use super::super::nodes::lay;
+use super::super::obstacles::beyond_mm;
 use super::super::surface::Surface;
 use super::super::tessellation::{Tet, edge_point, face_point};
 use super::super::{BoundaryNodes, Lattice, LatticeOptions};
@@ -71,7 +74,7 @@ fn ellipsoids_with_equal_axes_have_the_lattice_of_spheres() {
         // The same points of edges and faces for the same nodes.
         let nodes = of_ellipsoids.nodes();
         let mut with_radii = nodes.clone();
-        with_radii.reach = super::super::grains::Reach::Radius;
+        with_radii.grains = None;
         for &[a, b, c, d] in of_ellipsoids.tetrahedra() {
             let distance = (edge_point(nodes, a, b) - edge_point(&with_radii, a, b)).norm();
             assert!(distance < 1e-12, "{distance}");
@@ -134,8 +137,8 @@ fn nodes_on_the_surface_keep_clear_of_ellipsoids() {
         let (specimen, grains) = packed(&specimen);
         for boundary_nodes in [BoundaryNodes::PoissonDisk, BoundaryNodes::Random] {
             let options = LatticeOptions { boundary_nodes, ..LatticeOptions::default() };
-            let model = Model::new(&specimen, &grains);
-            let nodes = lay(&specimen, &Grains::new(&model).unwrap(), &options, &Unattended).unwrap();
+            let placed = Arc::new(PlacedGrains::new(&grains).unwrap());
+            let nodes = lay(&specimen, &placed, &options, &Unattended).unwrap();
             let clear = options.fictitious_diameter * nodes.d_min_mm / 2.0;
             let vertices = Surface::of(&specimen).vertices.len();
             for &p in &nodes.points_mm[vertices..nodes.boundary] {
@@ -161,11 +164,9 @@ properties! {
         let pose = Pose { center_mm: Vector3::new(5.0, 5.0, 5.0), orientation };
         let shape = Ellipsoid::new(axes).unwrap();
         let ellipsoids = Solids::of_ellipsoids(vec![shape], vec![pose]);
-        let specimen = Specimen::Box { size_mm: [10.0; 3], boundary: crate::request::Boundary::Walls };
-        let model = Model::new(&specimen, &ellipsoids);
-        let grains = Grains::new(&model).unwrap();
+        let grains = PlacedGrains::new(&ellipsoids).unwrap();
         let p = Vector3::from(p) + pose.center_mm;
-        let found = grains.beyond_mm(0, p.into());
+        let found = beyond_mm(&grains, 0, p.into());
         let (mut nearest, steps) = (f64::INFINITY, 120_u32);
         for i in 0..steps {
             for j in 0..2 * steps {
@@ -203,7 +204,7 @@ fn lattices_of_polyhedra_pass_their_checks() {
         assert_eq!((checks.overlapping_grains, checks.grains_outside, checks.overlapping_edges), (0, 0, 0));
         assert_eq!(checks.crowded_nodes, 0);
         let nodes = lattice.nodes();
-        let of_model = Grains::new(&model).unwrap();
+        let placed = PlacedGrains::new(&grains).unwrap();
         for grain in 0..grains.len() {
             let (shape, pose) = (grains.shape(grain).polyhedron().unwrap(), &grains.poses[grain]);
             let radius = shape.scale_mm * shape.template.rounding();
@@ -212,7 +213,7 @@ fn lattices_of_polyhedra_pass_their_checks() {
                 let reach = nodes.reach_mm(nodes.boundary + grain, &along);
                 assert!(reach >= (along.norm() + radius) * (1.0 - 1e-12), "{reach} {along} {radius}");
                 let end = pose.center_mm + along.normalize() * reach;
-                assert!(of_model.beyond_mm(grain, end.into()).abs() < 1e-9 * shape.scale_mm);
+                assert!(beyond_mm(&placed, grain as u32, end.into()).abs() < 1e-9 * shape.scale_mm);
             }
         }
     }
@@ -238,8 +239,7 @@ fn lattices_of_ellipsoids_and_polyhedra_pass_their_checks() {
         let [one, other] =
             [false, true].map(|of| (0..grains.len()).find(|&grain| kind(grain) == of).unwrap());
         overlapping.poses[other].center_mm = overlapping.poses[one].center_mm;
-        let model = Model::new(&specimen, &overlapping);
-        let grains = Grains::new(&model).unwrap();
+        let grains = PlacedGrains::new(&overlapping).unwrap();
         assert!(grains.overlap([one, other], 1e-6) && grains.overlap([other, one], 1e-6));
     }
 }

@@ -17,7 +17,11 @@ use crate::plan::Limits;
 use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
 
-fn lattice(specimen: &Specimen, spheres: &Spheres, options: &LatticeOptions) -> Result<Lattice, ExportError> {
+fn lattice<'a>(
+    specimen: &'a Specimen,
+    spheres: &'a Spheres,
+    options: &LatticeOptions,
+) -> Result<Lattice<'a>, ExportError> {
     Lattice::make(&Model::new(specimen, spheres), options, &Limits::default(), &Unattended)
 }
 

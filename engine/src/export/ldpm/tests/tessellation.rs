@@ -7,7 +7,7 @@ use super::super::tessellation::{Point, Tet, boundary_facets, point, triangle_ar
 use crate::Unattended;
 use crate::geometry::delaunay::delaunay;
 
-fn nodes(points: &[[f64; 3]], radii: &[f64]) -> Nodes {
+fn nodes(points: &[[f64; 3]], radii: &[f64]) -> Nodes<'static> {
     Nodes { points_mm: points.to_vec(), radii_mm: radii.to_vec(), d_min_mm: 1.0, ..Nodes::default() }
 }
 

@@ -33,7 +33,7 @@ fn quadrant(x: f64, y: f64, radius: f64) -> f64 {
 }
 
 /// Area that a disc shares with the rectangle `u[0]..u[1]` by `v[0]..v[1]`.
-pub(super) fn with_rectangle(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64; 2]) -> f64 {
+pub(crate) fn with_rectangle(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64; 2]) -> f64 {
     let (u, v) = (u.each(|x| x - center[0]), v.each(|y| y - center[1]));
     let at = |i: usize, j: usize| quadrant(u[i], v[j], radius);
     (at(1, 1) - at(0, 1) - at(1, 0) + at(0, 0)).max(0.0)
@@ -42,7 +42,7 @@ pub(super) fn with_rectangle(center: [f64; 2], radius: f64, u: [f64; 2], v: [f64
 /// Area that the unit disc about the origin shares with a polygon, whose corners run anticlockwise.
 ///
 /// Every edge with the origin makes a triangle; its part in the disc is a triangle between two sectors.
-pub(super) fn with_polygon(corners: &[[f64; 2]]) -> f64 {
+pub(crate) fn with_polygon(corners: &[[f64; 2]]) -> f64 {
     let twice: f64 = (0..corners.len()).map(|i| edge(corners[i], corners[(i + 1) % corners.len()])).sum();
     (twice / 2.0).clamp(0.0, PI)
 }
@@ -70,7 +70,7 @@ fn edge(p: [f64; 2], q: [f64; 2]) -> f64 {
 }
 
 /// Whether the unit disc about the origin shares an area with a convex polygon, whose corners run anticlockwise.
-pub(super) fn meets_polygon(corners: &[[f64; 2]]) -> bool {
+pub(crate) fn meets_polygon(corners: &[[f64; 2]]) -> bool {
     let edges = || (0..corners.len()).map(|i| (corners[i], corners[(i + 1) % corners.len()]));
     let contains_center = edges().all(|(p, q)| cross(p, [q[0] - p[0], q[1] - p[1]]) > 0.0);
     contains_center

@@ -4,11 +4,12 @@ use nalgebra::UnitQuaternion;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
+use crate::grain::{Grain as _, PlacedGrain, PlacedGrains};
 use crate::mix::uniform_orientation;
 use crate::packing::Solids;
 use crate::rng::{Stream, stream, uniform};
-use crate::shape::Form;
 use crate::shape::polyhedron::{TemplateKind, draw_template, samples};
+use crate::shape::{Ellipsoid, Form, Polyhedron, Pose};
 
 /// Points of the Monte Carlo integrals.
 const POINTS: usize = 20_000;
@@ -53,6 +54,12 @@ fn shares_below(
     below.into_iter().map(|count| f64::from(count) / f64::from(all)).collect()
 }
 
+/// Length of the line along z at an x and y from the centre.
+fn chord_along_z_mm(grain: PlacedGrain<'_>, x: f64, y: f64) -> f64 {
+    let ends = grain.chord_mm(&Vector3::new(x, y, 0.0), &Vector3::z());
+    ends.map_or(0.0, |[enter, leave]| leave - enter)
+}
+
 /// The volume below one plane.
 fn at(below: &VolumeBelow<'_>, height: f64) -> f64 {
     let [one, two] = [below.at(height, 1.0, 1)[0], below.at(height - 0.5, 0.25, 4)[2]];
@@ -70,21 +77,20 @@ fn ellipsoids_are_cut_as_balls_and_as_points_say() {
         [[4.0, 4.0, 4.0], [5.0, 3.0, 1.0], [9.0, 2.0, 2.0]].map(|axes| Ellipsoid::new(axes).unwrap());
     let poses = (0..3).map(|_| pose([0.0; 3], &mut rng)).collect();
     let grains = Solids::of_ellipsoids(shapes.into(), poses);
-    let sections = Sections::new(GrainsRef::from(&grains)).unwrap();
+    let placed = PlacedGrains::new(&grains).unwrap();
     // A cap of the height h of a ball has the volume pi h² (r - h/3).
-    let ball = sections.volume_below(0, 2);
+    let ball = placed.grain(0).volume_below(2);
     for height in [0.5, 1.0, 4.0, 6.5] {
         let cap = PI * height * height * (4.0 - height / 3.0);
         assert!((at(&ball, height - 4.0) - cap).abs() < 1e-12 * cap, "{height}");
     }
     for (grain, shape) in shapes.iter().enumerate() {
-        let a = inverse_matrix(shape, &grains.poses[grain]);
         for axis in 0..3 {
-            let below = sections.volume_below(grain, axis);
+            let below = placed.grain(grain).volume_below(axis);
             let reach = below.reach_mm[1];
             let heights = [-0.8, -0.3, 0.1, 0.6].map(|u| u * reach);
             let half = shape.semi_axes_mm().x;
-            let known = shares_below(|p| p.dot(&(a * p)) <= 1.0, half, axis, &heights, &mut rng);
+            let known = shares_below(|p| placed.grain(grain).contains(&p), half, axis, &heights, &mut rng);
             for (height, known) in heights.iter().zip(known) {
                 let found = at(&below, *height) / shape.volume_mm3();
                 // Slender ellipsoids fill little of their cube.
@@ -105,23 +111,23 @@ fn a_cuboid_is_cut_in_closed_form() {
     let turned = Pose { orientation: quarter, ..Pose::at(Vector3::zeros()) };
     let poses = vec![Pose::at(Vector3::zeros()), turned];
     let grains = Solids::of_polyhedra(vec![body.normalized()], &[0, 0], &[scale; 2], poses);
-    let sections = Sections::new(GrainsRef::from(&grains)).unwrap();
+    let placed = PlacedGrains::new(&grains).unwrap();
     for (axis, edge) in edges.into_iter().enumerate() {
-        let below = sections.volume_below(0, axis);
+        let below = placed.grain(0).volume_below(axis);
         for u in [-0.49, -0.2, 0.0, 0.3, 0.5] {
             assert!((at(&below, u * edge) - 36.0 * (u + 0.5)).abs() < 1e-10, "{axis} {u}");
         }
     }
     // A rectangle of 2 x 3 on its corner, 6 thick: below the lowest other corner a triangle of the area h².
-    let below = sections.volume_below(1, 0);
+    let below = placed.grain(1).volume_below(0);
     let reach = 2.5 / 2.0_f64.sqrt();
     assert!((below.reach_mm[0] - reach).abs() < 1e-12);
     for h in [0.1, 0.7, 1.4] {
         assert!((at(&below, h - reach) - 6.0 * h * h).abs() < 1e-10, "{h}");
         assert!((at(&below, reach - h) - (36.0 - 6.0 * h * h)).abs() < 1e-10, "{h}");
     }
-    let chords = sections.chords(0);
-    assert!((chords.length_mm(0.99, 1.49) - 6.0).abs() < 1e-10 && chords.length_mm(1.01, 0.0) == 0.0);
+    let length_mm = |x, y| chord_along_z_mm(placed.grain(0), x, y);
+    assert!((length_mm(0.99, 1.49) - 6.0).abs() < 1e-10 && length_mm(1.01, 0.0) == 0.0);
 }
 
 #[test]
@@ -158,7 +164,7 @@ fn polyhedra_are_cut_as_points_say_and_rounded_ones_within_their_bound() {
         let rounded: Vec<Polyhedron> =
             sharp.iter().map(|body| body.with_relative_rounding(rounding).unwrap()).collect();
         let grains = polyhedra(rounded, &mut rng);
-        let sections = Sections::new(GrainsRef::from(&grains)).unwrap();
+        let placed = PlacedGrains::new(&grains).unwrap();
         for (grain, template) in grains.templates.iter().enumerate() {
             let (scale, rotation) = (grains.shapes[grain].d_mm(), grains.poses[grain].rotation());
             // A point is in the rounded body where no direction parts it from there: those of the planes of a body
@@ -167,9 +173,9 @@ fn polyhedra_are_cut_as_points_say_and_rounded_ones_within_their_bound() {
                 distance_from_core(template, &(rotation.transpose() * p / scale)) <= rounding
             };
             let volume = grains.shape(grain).volume_mm3();
-            let bound = left_out(&sections.templates[grain]).max(1e-12);
+            let bound = left_out(template).max(1e-12);
             assert!(bound < 0.02, "{rounding}: {bound}");
-            let below = sections.volume_below(grain, grain % 3);
+            let below = placed.grain(grain).volume_below(grain % 3);
             let reach = below.reach_mm[0].min(below.reach_mm[1]);
             let heights = [-0.7, -0.3, 0.0, 0.4, 0.8].map(|u| u * reach);
             let half = template.outer_radius() * scale;
@@ -182,20 +188,20 @@ fn polyhedra_are_cut_as_points_say_and_rounded_ones_within_their_bound() {
                 );
             }
             // Chords add up to the volume, too.
-            let (chords, steps) = (sections.chords(grain), 200);
-            let reach = sections.outer_radius_mm(grain);
+            let (grain_of, steps) = (placed.grain(grain), 200);
+            let reach = grain_of.outer_radius_mm();
             let step = 2.0 * reach / f64::from(steps);
             let at = |i: i32| (f64::from(i) + 0.5) * step - reach;
             let lengths = (0..steps).flat_map(|i| (0..steps).map(move |j| (at(i), at(j))));
-            let sum = lengths.map(|(x, y)| chords.length_mm(x, y)).sum::<f64>() * step * step;
+            let sum = lengths.map(|(x, y)| chord_along_z_mm(grain_of, x, y)).sum::<f64>() * step * step;
             assert!((sum / volume - 1.0).abs() < 0.005, "{rounding} {grain}: {sum} {volume}");
         }
     }
 }
 
 /// Share of the volume of a template that its triangles leave out.
-fn left_out(template: &CutTemplate) -> f64 {
-    1.0 - 1.0 / template.volume_ratio
+fn left_out(template: &Polyhedron) -> f64 {
+    1.0 - 1.0 / TriangleSkin::new(&Convex::new(template), template.volume()).volume_ratio
 }
 
 #[test]
@@ -207,7 +213,7 @@ fn triangles_leave_out_little_of_rounded_bodies() {
     );
     for (rounding, most) in [(0.0, 1e-12), (0.01, 0.001), (0.05, 0.005), (0.2, 0.015), (0.4, 0.05)] {
         for body in &bodies {
-            let missing = left_out(&CutTemplate::new(&body.with_relative_rounding(rounding).unwrap()));
+            let missing = left_out(&body.with_relative_rounding(rounding).unwrap());
             assert!((-1e-12..most).contains(&missing), "{rounding}: {missing}");
         }
     }

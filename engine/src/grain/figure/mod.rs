@@ -6,15 +6,19 @@
 //! that the block of `M` of the axes `u`, `v` describes, with the scale `1 - h² / A_ww`. Its semi-axes are
 //! `sqrt(scale / e)` for the eigenvalues `e` of that block.
 
+mod overlap;
+mod polygon;
+
 use std::f64::consts::PI;
 
 use nalgebra::Matrix3;
 
-use super::{Polygon, overlap};
 use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
+pub(crate) use polygon::area;
+pub use polygon::{Polygon, TOLERANCE};
 
 /// The section of a grain, about its centre.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,17 +44,17 @@ pub struct Ellipse {
 }
 
 /// From and to along u of a figure within a strip of v.
-pub(super) struct Span {
+pub(crate) struct Span {
     /// Around the whole part of the figure in the strip.
-    pub(super) outer: [f64; 2],
+    pub(crate) outer: [f64; 2],
     /// Where the figure covers the strip from edge to edge; reversed where it does so nowhere.
-    pub(super) inner: [f64; 2],
+    pub(crate) inner: [f64; 2],
 }
 
 impl Ellipse {
     /// The section of an ellipsoid by the plane across the last of the axes `u, v, w`, and the place of its centre
     /// seen from that of the ellipsoid; `None` where the plane does not meet it.
-    pub(super) fn of_section(
+    pub(crate) fn of_section(
         shape: &Matrix3<f64>,
         inverse: &Matrix3<f64>,
         [u, v, w]: [usize; 3],
@@ -144,7 +148,7 @@ impl Figure {
     }
 
     /// From and to along u and v, from its centre.
-    pub(super) fn extents_mm(&self) -> [[f64; 2]; 2] {
+    pub(crate) fn extents_mm(&self) -> [[f64; 2]; 2] {
         match self {
             Self::Circle { radius_mm } => [[-radius_mm, *radius_mm]; 2],
             Self::Ellipse(ellipse) => {
@@ -156,7 +160,7 @@ impl Figure {
     }
 
     /// Distance of its farthest point from its centre.
-    pub(super) fn outer_mm(&self) -> f64 {
+    pub(crate) fn outer_mm(&self) -> f64 {
         match self {
             Self::Circle { radius_mm } => *radius_mm,
             Self::Ellipse(Ellipse { semi_axes_mm: [a, _], .. }) => *a,
@@ -169,7 +173,7 @@ impl Figure {
     /// Area that it shares with the rectangle `u[0]..u[1]` by `v[0]..v[1]`, exactly but for rounding.
     ///
     /// An affine map makes the ellipse the unit disc and the rectangle a parallelogram.
-    pub(super) fn area_in(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> f64 {
+    pub(crate) fn area_in(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> f64 {
         match self {
             Self::Circle { radius_mm } => overlap::with_rectangle(center, *radius_mm, u, v),
             Self::Ellipse(ellipse) => {
@@ -182,7 +186,7 @@ impl Figure {
 
     /// Whether it shares an area with a rectangle, decided by distance: the area where it does not is a difference of
     /// equal numbers, whose rounding may be positive.
-    pub(super) fn reaches(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> bool {
+    pub(crate) fn reaches(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> bool {
         match self {
             Self::Circle { radius_mm } => {
                 let outside = |x: f64, [low, high]: [f64; 2]| (low - x).max(x - high).max(0.0);
@@ -194,7 +198,7 @@ impl Figure {
     }
 
     /// How far it spans along u within the strip `v[0]..v[1]`; `None` where it is not in it.
-    pub(super) fn span(&self, center: [f64; 2], v: [f64; 2]) -> Option<Span> {
+    pub(crate) fn span(&self, center: [f64; 2], v: [f64; 2]) -> Option<Span> {
         let radius = match self {
             Self::Circle { radius_mm } => *radius_mm,
             Self::Ellipse(ellipse) => return ellipse.span(center, v),
@@ -214,7 +218,7 @@ impl Figure {
 
     /// The ellipsoid with a centre in the plane whose section it is, as thick as it is narrow: in the plane its gaps
     /// are those of the figure; of a polygon those of the circle around it.
-    pub(super) fn body(&self, [u, v]: [f64; 2]) -> Body {
+    pub(crate) fn body(&self, [u, v]: [f64; 2]) -> Body {
         let ([xx, xy, yy], [outer_mm, inner_mm]) = match self {
             Self::Circle { radius_mm: r } => ([r * r, 0.0, r * r], [*r; 2]),
             Self::Ellipse(ellipse) => (ellipse.matrix(), ellipse.semi_axes_mm),

@@ -11,7 +11,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::Vector3;
 
-use super::figure::Span;
+use super::Span;
 use crate::arrays::Each as _;
 use crate::elementary::{acos, atan2, cos, hypot, sin, sin_cos};
 use crate::geometry::convex::{Convex, Place, directed_edges};
@@ -30,7 +30,7 @@ pub struct Polygon {
     /// Corners, counter-clockwise from u to v.
     pub corners_mm: Vec<[f64; 2]>,
     /// Whether the boundary from a corner to the next is curved; empty of sharp grains.
-    pub(super) is_curved: Vec<bool>,
+    pub(crate) is_curved: Vec<bool>,
 }
 
 /// The plane across the last of three axes, as a template sees it.
@@ -45,7 +45,7 @@ struct Plane<'a> {
 impl Polygon {
     /// The section by the plane across the last of the axes at a height above the centre, and the place of its centroid
     /// seen from the centre of the grain; `None` where the plane does not meet it.
-    pub(super) fn of_section(
+    pub(crate) fn of_section(
         template: &Convex,
         place: &Place,
         axes: [usize; 3],
@@ -63,12 +63,12 @@ impl Polygon {
         Some((centroid, Self { corners_mm: corners.iter().map(about).collect(), is_curved }))
     }
 
-    pub(super) fn area_mm2(&self) -> f64 {
+    pub(crate) fn area_mm2(&self) -> f64 {
         area(&self.corners_mm)
     }
 
     /// From and to along u and v.
-    pub(super) fn extents_mm(&self) -> [[f64; 2]; 2] {
+    pub(crate) fn extents_mm(&self) -> [[f64; 2]; 2] {
         [0, 1].each(|axis| range(&self.corners_mm, axis))
     }
 
@@ -77,12 +77,12 @@ impl Polygon {
     }
 
     /// Area that it shares with a rectangle.
-    pub(super) fn area_in(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> f64 {
+    pub(crate) fn area_in(&self, center: [f64; 2], u: [f64; 2], v: [f64; 2]) -> f64 {
         area(&within(&within(&self.at(center), 1, v), 0, u)).max(0.0)
     }
 
     /// See [`super::Figure::span`].
-    pub(super) fn span(&self, center: [f64; 2], v: [f64; 2]) -> Option<Span> {
+    pub(crate) fn span(&self, center: [f64; 2], v: [f64; 2]) -> Option<Span> {
         let corners = self.at(center);
         let part = within(&corners, 1, v);
         let [low, high] = range(&part, 1);
@@ -225,7 +225,7 @@ fn sorted(mut corners: Vec<[f64; 2]>, same: f64) -> Option<Vec<[f64; 2]>> {
 }
 
 /// Area of a polygon whose corners run counter-clockwise.
-pub(super) fn area(corners: &[[f64; 2]]) -> f64 {
+pub(crate) fn area(corners: &[[f64; 2]]) -> f64 {
     let Some(first) = corners.first() else { return 0.0 };
     let from = |p: &[f64; 2]| [p[0] - first[0], p[1] - first[1]];
     let twice = corners.windows(2).map(|pair| {

@@ -1,4 +1,4 @@
-//! Volumes of grains that are no spheres below planes across an axis, and their chords along z.
+//! Volumes of grains below planes across an axis.
 //!
 //! An ellipsoid is the affine image of a ball, so that its volume below a plane is the same share of its own as that of
 //! a ball: `(2 + 3 u - u³) / 4` at the height `u` over the reach of the grain, from -1 to 1.
@@ -13,20 +13,18 @@
 //! lies between `V_in(t)` and `V_in(t) + V - V_in`, and so does `V_in(t) V / V_in`: no volume is wrong by more than
 //! `V - V_in`, which a test bounds.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::arrays::Each as _;
 use crate::geometry::convex::{Convex, Place, Skin, SkinPoint};
-use crate::packing::{GrainsRef, Solids};
-use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid};
 use crate::sorting;
 
 /// Most of the angle that a polygon around a rounded edge or corner turns by.
 const MOST_ANGLE: f64 = 0.2;
 
-/// A template with its surface as triangles, in units of its scale.
-pub(super) struct CutTemplate {
-    form: Convex,
+/// The surface of a template as triangles, in units of its scale.
+#[derive(Debug)]
+pub(super) struct TriangleSkin {
     vertices: Vec<Vector3<f64>>,
     /// Counter-clockwise as seen from outside.
     triangles: Vec<[u32; 3]>,
@@ -34,13 +32,12 @@ pub(super) struct CutTemplate {
     areas: Vec<Vector3<f64>>,
     /// Volume of the template over that within the triangles.
     volume_ratio: f64,
-    outer_radius: f64,
 }
 
-impl CutTemplate {
-    fn new(template: &Polyhedron) -> Self {
-        let form = Convex::new(template);
-        let skin = Skin::new(&form, MOST_ANGLE);
+impl TriangleSkin {
+    /// The surface of a template of a volume.
+    pub(super) fn new(form: &Convex, volume: f64) -> Self {
+        let skin = Skin::new(form, MOST_ANGLE);
         let on_surface =
             |point: &SkinPoint| form.vertices[point.vertex as usize] + point.normal * form.rounding;
         let vertices: Vec<Vector3<f64>> = skin.points.iter().map(on_surface).collect();
@@ -55,96 +52,21 @@ impl CutTemplate {
         let areas: Vec<Vector3<f64>> = triangles.iter().map(area).collect();
         let within: f64 =
             triangles.iter().zip(&areas).map(|(t, area)| vertices[t[0] as usize].dot(area) / 3.0).sum();
-        let (volume_ratio, outer_radius) = (template.volume() / within, template.outer_radius());
-        Self { form, vertices, triangles, areas, volume_ratio, outer_radius }
-    }
-}
-
-/// The grains of a packing that are no spheres, ready to be cut.
-pub(super) struct Sections<'a> {
-    grains: &'a Solids,
-    templates: Vec<CutTemplate>,
-}
-
-impl<'a> Sections<'a> {
-    /// The grains of a packing; `None` where all are spheres.
-    pub(super) fn new(grains: GrainsRef<'a>) -> Option<Self> {
-        let GrainsRef::Solids(grains) = grains else { return None };
-        Some(Self { grains, templates: grains.templates.iter().map(CutTemplate::new).collect() })
-    }
-
-    /// Number of grains.
-    pub(super) fn len(&self) -> usize {
-        self.grains.len()
-    }
-
-    pub(super) fn center_mm(&self, grain: usize) -> Vector3<f64> {
-        self.grains.poses[grain].center_mm
-    }
-
-    /// The volume of a grain below planes across an axis.
-    pub(super) fn volume_below(&self, grain: usize, axis: usize) -> VolumeBelow<'_> {
-        let (shape, pose) = (&self.grains.shapes[grain], &self.grains.poses[grain]);
-        let direction = pose.rotation().row(axis).transpose();
-        match *shape {
-            Solid::Ellipsoid(shape) => {
-                let reach = shape.semi_axes_mm().component_mul(&direction).norm();
-                VolumeBelow { reach_mm: [reach; 2], volume_mm3: shape.volume_mm3(), polyhedron: None }
-            }
-            Solid::Polyhedron { template, d_mm } => {
-                let volume_mm3 = self.grains.shape(grain).volume_mm3();
-                let template = &self.templates[template as usize];
-                let along = direction * d_mm;
-                let heights_mm: Vec<f64> =
-                    template.vertices.iter().map(|vertex| vertex.dot(&along)).collect();
-                let low = heights_mm.iter().copied().fold(f64::INFINITY, f64::min);
-                let high = heights_mm.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-                VolumeBelow {
-                    reach_mm: [-low, high],
-                    volume_mm3,
-                    polyhedron: Some(PolyhedronBelow {
-                        template,
-                        heights_mm,
-                        areas_along: direction * d_mm.powi(2) * template.volume_ratio,
-                    }),
-                }
-            }
-        }
-    }
-
-    /// Radius of a sphere about the centre that holds the grain.
-    pub(super) fn outer_radius_mm(&self, grain: usize) -> f64 {
-        match self.grains.shapes[grain] {
-            Solid::Ellipsoid(shape) => shape.semi_axes_mm().x,
-            Solid::Polyhedron { template, d_mm } => d_mm * self.templates[template as usize].outer_radius,
-        }
-    }
-
-    /// The lines along z in a grain.
-    pub(super) fn chords(&self, grain: usize) -> Chords<'_> {
-        let pose = &self.grains.poses[grain];
-        match &self.grains.shapes[grain] {
-            Solid::Ellipsoid(shape) => Chords::Ellipsoid(inverse_matrix(shape, pose)),
-            Solid::Polyhedron { template, d_mm } => {
-                let place = Place::new(*d_mm, &Pose { center_mm: Vector3::zeros(), ..*pose });
-                let form = &self.templates[*template as usize].form;
-                Chords::Polyhedron { form, place, along: place.turned_back(&Vector3::z()) }
-            }
-        }
+        Self { vertices, triangles, areas, volume_ratio: volume / within }
     }
 }
 
 /// The volume of a grain below planes across an axis.
-pub(super) struct VolumeBelow<'a> {
+pub(crate) struct VolumeBelow<'a> {
     /// How far the grain reaches below and above its centre; where it is rounded it may reach a little farther.
-    pub(super) reach_mm: [f64; 2],
+    pub(crate) reach_mm: [f64; 2],
     volume_mm3: f64,
     /// `None` of an ellipsoid.
     polyhedron: Option<PolyhedronBelow<'a>>,
 }
 
 struct PolyhedronBelow<'a> {
-    template: &'a CutTemplate,
+    skin: &'a TriangleSkin,
     /// Of the vertices, above the centre.
     heights_mm: Vec<f64>,
     /// Its product with the area of a triangle is the area across the axis in mm², times the volume of the grain over
@@ -152,9 +74,26 @@ struct PolyhedronBelow<'a> {
     areas_along: Vector3<f64>,
 }
 
-impl VolumeBelow<'_> {
+impl<'a> VolumeBelow<'a> {
+    /// That of an ellipsoid with its reach along the axis.
+    pub(super) fn of_ellipsoid(reach_mm: f64, volume_mm3: f64) -> Self {
+        Self { reach_mm: [reach_mm; 2], volume_mm3, polyhedron: None }
+    }
+
+    /// That of a polyhedron with its place.
+    pub(super) fn of_polyhedron(skin: &'a TriangleSkin, place: &Place, axis: usize, volume_mm3: f64) -> Self {
+        let direction = place.rotation.row(axis).transpose();
+        let along = direction * place.scale;
+        let heights_mm: Vec<f64> = skin.vertices.iter().map(|vertex| vertex.dot(&along)).collect();
+        let low = heights_mm.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = heights_mm.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let areas_along = direction * place.scale.powi(2) * skin.volume_ratio;
+        let polyhedron = Some(PolyhedronBelow { skin, heights_mm, areas_along });
+        Self { reach_mm: [-low, high], volume_mm3, polyhedron }
+    }
+
     /// Volumes in mm³ below planes at equal steps upwards, by their heights above the centre in mm.
-    pub(super) fn at(&self, first_mm: f64, step_mm: f64, count: usize) -> Vec<f64> {
+    pub(crate) fn at(&self, first_mm: f64, step_mm: f64, count: usize) -> Vec<f64> {
         let [below, above] = self.reach_mm;
         let height = |k: usize| first_mm + step_mm * k as f64;
         let mut volumes = match &self.polyhedron {
@@ -183,7 +122,7 @@ impl PolyhedronBelow<'_> {
         // Of the triangles that lie below each plane, but not below the one before: area, and area times mean height.
         let mut whole = vec![[0.0; 2]; count + 1];
         let first_above = |height: f64| (((height - first_mm) / step_mm).ceil().max(0.0) as usize).min(count);
-        for (corners, area) in self.template.triangles.iter().zip(&self.template.areas) {
+        for (corners, area) in self.skin.triangles.iter().zip(&self.skin.areas) {
             let mut heights = corners.each(|corner| self.heights_mm[corner as usize]);
             sorting::ascending(&mut heights);
             let area = area.dot(&self.areas_along);
@@ -220,38 +159,7 @@ fn mean_depth([low, middle, high]: [f64; 3], t: f64) -> f64 {
     }
 }
 
-/// Lengths of the lines along z in a grain.
-pub(super) enum Chords<'a> {
-    /// `A` with `x · A x <= 1` in the ellipsoid about its centre.
-    Ellipsoid(Matrix3<f64>),
-    /// A polyhedron with its place about its centre, and a mm along z as its template sees it.
-    Polyhedron { form: &'a Convex, place: Place, along: Vector3<f64> },
-}
-
-impl Chords<'_> {
-    /// Length in mm of the line at an x and y from the centre.
-    pub(super) fn length_mm(&self, x: f64, y: f64) -> f64 {
-        match self {
-            Self::Ellipsoid(a) => {
-                let half_linear = a.m13 * x + a.m23 * y;
-                let constant = a.m11 * x * x + 2.0 * a.m12 * x * y + a.m22 * y * y - 1.0;
-                2.0 * (half_linear * half_linear - a.m33 * constant).max(0.0).sqrt() / a.m33
-            }
-            Self::Polyhedron { form, place, along } => {
-                let from = place.local(&Vector3::new(x, y, 0.0));
-                form.chord(&from, along).map_or(0.0, |[enter, leave]| leave - enter)
-            }
-        }
-    }
-}
-
-fn inverse_matrix(shape: &Ellipsoid, pose: &Pose) -> Matrix3<f64> {
-    let rotation = pose.rotation();
-    let inverse = shape.semi_axes_mm().map(|axis| 1.0 / (axis * axis));
-    rotation * Matrix3::from_diagonal(&inverse) * rotation.transpose()
-}
-
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-#[path = "sections_tests.rs"]
+#[path = "below_tests.rs"]
 mod tests;

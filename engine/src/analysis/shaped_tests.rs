@@ -4,15 +4,14 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-use super::*;
-use crate::analysis::{DepthProfile, RadialOptions, Surface, depth_profiles, radial};
+use crate::analysis::{DepthProfile, RadialOptions, Surface, depth_profiles, measured_grains, radial};
 use crate::distance::DistanceRule;
 use crate::mix::uniform_orientation;
-use crate::packing::{Solids, Spheres};
+use crate::packing::{GrainsRef, Solids, Spheres};
 use crate::request::{Boundary, Distance, Specimen};
 use crate::rng::{Stream, stream, uniform};
 use crate::shape::polyhedron::{TemplateKind, draw_template};
-use crate::shape::{Ellipsoid, Pose};
+use crate::shape::{Ellipsoid, Form, Polyhedron, Pose};
 
 fn specimens() -> [Specimen; 3] {
     [
@@ -113,8 +112,8 @@ fn balls_as_ellipsoids_have_the_correlation_and_the_profiles_of_spheres() {
             assert!((found - known).abs() < 1e-9 * known, "{found} {known}");
         }
     }
-    let (found, known) =
-        (depth_profiles(&grains, &specimen, 8.0, 200), depth_profiles(&spheres, &specimen, 8.0, 200));
+    let [found, known] = [(&grains).into(), (&spheres).into()]
+        .map(|grains: GrainsRef<'_>| depth_profiles(grains, &specimen, 8.0, 200).unwrap());
     for (found, known) in found.iter().zip(&known) {
         assert_eq!((found.surface, &found.depth_mm), (known.surface, &known.depth_mm));
         let most = known.volume_fraction.iter().copied().fold(0.0, f64::max);
@@ -162,7 +161,7 @@ fn profiles_of_shapes_add_up_to_the_volume_of_the_grains() {
         let volume: f64 = d_mm.iter().map(|d| PI / 6.0 * d * d * d).sum();
         let known = volume / specimen.volume_mm3();
         for grains in [GrainsRef::from(&angular), GrainsRef::from(&smooth)] {
-            let profiles = depth_profiles(grains, &specimen, 100.0, 150);
+            let profiles = depth_profiles(grains, &specimen, 100.0, 150).unwrap();
             assert!(!profiles.is_empty());
             for profile in profiles {
                 let tolerance = if profile.surface == Surface::Lateral { 0.01 } else { 1e-9 };
@@ -173,7 +172,7 @@ fn profiles_of_shapes_add_up_to_the_volume_of_the_grains() {
     }
     let periodic = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Periodic };
     let none = Solids::default();
-    assert_eq!(depth_profiles(&none, &periodic, 10.0, 10), []);
+    assert_eq!(depth_profiles(&none, &periodic, 10.0, 10).unwrap(), []);
 }
 
 #[test]
