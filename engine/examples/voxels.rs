@@ -10,7 +10,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use packstone_engine::export::Model;
+use packstone_engine::export::{Export as _, Model};
 use packstone_engine::request::decode::{At, Faults, Object};
 use packstone_engine::{
     Limits, Packing, PackingRequest, Unattended,
@@ -62,12 +62,12 @@ fn grid(
     let options = with_format(options, format);
     let options = read(&options, voxels::VoxelOptions::read);
     let limits = Limits { export_threads, ..Limits::default() };
-    voxels::write(model, &options, &limits, &Unattended, out).unwrap()
+    options.write(model, &limits, &Unattended, out).unwrap()
 }
 
 fn cut(model: &Model<'_>, options: &Value, out: &mut dyn std::io::Write) -> slice::SliceReport {
     let options = read(options, slice::SliceOptions::read);
-    slice::write(model, &options, &Limits::default(), &Unattended, out).unwrap()
+    options.write(model, &Limits::default(), &Unattended, out).unwrap()
 }
 
 fn main() {

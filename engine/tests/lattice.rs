@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use packstone_engine::export::Model;
 use packstone_engine::export::ldpm::{self, BoundaryNodes, LatticeOptions};
+use packstone_engine::export::{Export as _, Model};
 use packstone_engine::{Limits, PackingRequest, Unattended, pack};
 use serde_json::{Value, json};
 
@@ -45,8 +45,7 @@ fn read(python: &PathBuf, specimen: &Value, distance: &Value, options: &LatticeO
     ] {
         let mut out = File::create(directory.path().join(name)).unwrap();
         let options = LatticeOptions { format: file, ..options.clone() };
-        volume_mm3 =
-            ldpm::write(&model, &options, &Limits::default(), &Unattended, &mut out).unwrap().volume_mm3;
+        volume_mm3 = options.write(&model, &Limits::default(), &Unattended, &mut out).unwrap().volume_mm3;
     }
     let ran =
         Command::new(python).arg(SCRIPT).arg(directory.path()).arg(volume_mm3.to_string()).output().unwrap();

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use packstone_engine::export::Model;
+use packstone_engine::export::{Export as _, Model};
 use packstone_engine::request::decode::{At, Faults, Object};
 use packstone_engine::{
     Limits, PackingRequest, Solids, Unattended,
@@ -78,7 +78,7 @@ fn make(directory: &Path, specimen: &Value, at: f64) {
             read(&options, voxels::VoxelOptions::read)
         };
         let mut bytes = Vec::new();
-        let report = voxels::write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        let report = options.write(&model, &Limits::default(), &Unattended, &mut bytes).unwrap();
         keep(directory, &format!("{name}.{}", format.name()), &bytes, &report, &volume);
     }
     write_slices(directory, &model, at);
@@ -94,7 +94,7 @@ fn write_slices(directory: &Path, model: &Model<'_>, at: f64) {
             }
             let options = read(&options, slice::SliceOptions::read);
             let mut bytes = Vec::new();
-            let report = slice::write(model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+            let report = options.write(model, &Limits::default(), &Unattended, &mut bytes).unwrap();
             keep(directory, &format!("slice-{axis}.{}", format.name()), &bytes, &report, &json!({}));
         }
     }

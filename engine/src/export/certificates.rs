@@ -11,6 +11,7 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::kind::{Expected, Export, ExportEstimate};
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::check::{self, Fault, SeparationCertificate};
@@ -95,76 +96,94 @@ pub struct CertificateReport {
     pub min_wall_separation_mm: Option<f64>,
 }
 
-/// Expected length of the file in bytes.
-pub(super) fn expected_bytes(grains: f64) -> u64 {
-    (grains * PAIRS_PER_GRAIN * ROW_BYTES) as u64
-}
+impl Export for CertificateOptions {
+    type Report = CertificateReport;
 
-/// Writes the certificates of a packing, in the order of the rows of the grains.
-///
-/// # Errors
-/// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`];
-/// [`ExportError::CheckFailed`] for grains that do not keep their gaps.
-pub(super) fn write(
-    model: &Model<'_>,
-    options: &CertificateOptions,
-    limits: &Limits,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<CertificateReport, ExportError> {
-    let grains = model.grains.len() as u64;
-    let bytes = grains.saturating_mul(BYTES_PER_GRAIN);
-    if bytes > limits.max_memory_bytes {
-        return Err(ExportError::TooLarge(FieldError::new(
-            "",
-            format!(
-                "the certificates of {grains} grains take about {bytes} bytes of memory: must be at most {}",
-                limits.max_memory_bytes
-            ),
-        )));
+    const NAME: &'static str = "certificates";
+    const FORMATS: &'static [&'static str] = &["csv", "json"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
     }
-    let least_mm = model.grains.diameters_mm().next_back().unwrap_or(0.0);
-    let rule = DistanceRule::new(&model.distance, model.specimen);
-    let by_default = || (DEFAULT_SHARE * least_mm + rule.gap_mm(least_mm, least_mm)).min(least_mm);
-    let closer_than_mm = options.closer_than_mm.unwrap_or_else(by_default);
-    if closer_than_mm > least_mm {
-        return Err(ExportError::Invalid(vec![FieldError::new(
-            "/closer_than_mm",
-            format!(
-                "{closer_than_mm} is out of range: must be at most {least_mm} mm, the smallest diameter, beyond which \
-                 the pairs are no neighbours"
-            ),
-        )]));
+
+    fn format(&self) -> &'static str {
+        self.format.name()
     }
-    let threads = limits.export_threads;
-    let region = (model.distance, *model.specimen);
-    let found = check::certify(model.grains, region, closer_than_mm, threads, control);
-    let found = found.map_err(|fault| match fault {
-        Fault::Stopped => ExportError::Stopped,
-        Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
-        fault => ExportError::CheckFailed(fault.to_string()),
-    })?;
-    let mut rows = Rows::begin(out, options.format, &COLUMNS, &[("closer_than_mm", closer_than_mm)])?;
-    for (number, certificate) in found.iter().enumerate() {
-        if number.is_multiple_of(ROWS_PER_LOOK) {
-            go_on(control)?;
-            report(control, number, found.len());
+
+    fn media_type(&self) -> &'static str {
+        self.format.media_type()
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        Ok(ExportEstimate::of_bytes((of.grains() * PAIRS_PER_GRAIN * ROW_BYTES) as u64))
+    }
+
+    /// Writes the certificates of a packing, in the order of the rows of the grains.
+    ///
+    /// # Errors
+    /// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`];
+    /// [`ExportError::CheckFailed`] for grains that do not keep their gaps.
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<CertificateReport, ExportError> {
+        let grains = model.grains.len() as u64;
+        let bytes = grains.saturating_mul(BYTES_PER_GRAIN);
+        if bytes > limits.max_memory_bytes {
+            return Err(ExportError::TooLarge(FieldError::new(
+                "",
+                format!(
+                    "the certificates of {grains} grains take about {bytes} bytes of memory: must be at most {}",
+                    limits.max_memory_bytes
+                ),
+            )));
         }
-        rows.row(&cells(certificate))?;
+        let least_mm = model.grains.diameters_mm().next_back().unwrap_or(0.0);
+        let rule = DistanceRule::new(&model.distance, model.specimen);
+        let by_default = || (DEFAULT_SHARE * least_mm + rule.gap_mm(least_mm, least_mm)).min(least_mm);
+        let closer_than_mm = self.closer_than_mm.unwrap_or_else(by_default);
+        if closer_than_mm > least_mm {
+            return Err(ExportError::Invalid(vec![FieldError::new(
+                "/closer_than_mm",
+                format!(
+                    "{closer_than_mm} is out of range: must be at most {least_mm} mm, the smallest diameter, beyond which \
+                     the pairs are no neighbours"
+                ),
+            )]));
+        }
+        let threads = limits.export_threads;
+        let region = (model.distance, *model.specimen);
+        let found = check::certify(model.grains, region, closer_than_mm, threads, control);
+        let found = found.map_err(|fault| match fault {
+            Fault::Stopped => ExportError::Stopped,
+            Fault::OutOfMemory { bytes } => ExportError::OutOfMemory { bytes },
+            fault => ExportError::CheckFailed(fault.to_string()),
+        })?;
+        let mut rows = Rows::begin(out, self.format, &COLUMNS, &[("closer_than_mm", closer_than_mm)])?;
+        for (number, certificate) in found.iter().enumerate() {
+            if number.is_multiple_of(ROWS_PER_LOOK) {
+                go_on(control)?;
+                report(control, number, found.len());
+            }
+            rows.row(&cells(certificate))?;
+        }
+        rows.end()?;
+        let least = |is_wall: bool| {
+            let listed = found.iter().filter(|certificate| certificate.second.is_none() == is_wall);
+            listed.map(|certificate| certificate.separation_mm).reduce(f64::min)
+        };
+        let walls = found.iter().filter(|certificate| certificate.second.is_none()).count();
+        Ok(CertificateReport {
+            closer_than_mm,
+            pairs: (found.len() - walls) as u64,
+            walls: walls as u64,
+            min_separation_mm: least(false),
+            min_wall_separation_mm: least(true),
+        })
     }
-    rows.end()?;
-    let least = |is_wall: bool| {
-        let listed = found.iter().filter(|certificate| certificate.second.is_none() == is_wall);
-        listed.map(|certificate| certificate.separation_mm).reduce(f64::min)
-    };
-    let walls = found.iter().filter(|certificate| certificate.second.is_none()).count();
-    Ok(CertificateReport {
-        closer_than_mm,
-        pairs: (found.len() - walls) as u64,
-        walls: walls as u64,
-        min_separation_mm: least(false),
-        min_wall_separation_mm: least(true),
-    })
 }
 
 fn cells(certificate: &SeparationCertificate) -> [Cell; 10] {

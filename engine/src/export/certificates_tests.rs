@@ -26,7 +26,7 @@ fn written(model: &Model<'_>, options: &[(&str, &str)]) -> Result<(CertificateRe
     let export = ExportRequest::from_text(ExportType::Certificates, options.iter().copied()).unwrap();
     let ExportRequest::Certificates(options) = export else { panic!() };
     let mut out = Vec::new();
-    let report = write(model, &options, &Limits::default(), &Unattended, &mut out)?;
+    let report = options.write(model, &Limits::default(), &Unattended, &mut out)?;
     Ok((report, String::from_utf8(out).unwrap()))
 }
 

@@ -1,82 +1,14 @@
 //! The materials that an export computes with: those of its option `materials`, else those that the request of the
 //! packing states.
 
-use super::{ExportError, ExportRequest, Model, deck, properties};
+use super::{ExportError, Model};
 use crate::request::materials::{AGGREGATE, EXAMPLE, MATRIX, Material, OPTION};
-use crate::request::{FieldError, Materials, PackingRequest};
-
-impl ExportRequest {
-    /// Whether it computes with materials, so that it needs some.
-    fn needs_materials(&self) -> bool {
-        match self {
-            Self::Voxels(options) => options.needs_materials(),
-            Self::Properties(_) | Self::Deck(_) => true,
-            _ => false,
-        }
-    }
-
-    /// Those that its options name.
-    fn materials(&self) -> Option<&Materials> {
-        match self {
-            Self::Voxels(options) => options.materials.as_ref(),
-            Self::Properties(options) => options.materials.as_ref(),
-            Self::Deck(options) => options.case.materials.as_ref(),
-            _ => None,
-        }
-    }
-
-    /// The place of its option, where the type has one.
-    fn materials_mut(&mut self) -> Option<&mut Option<Materials>> {
-        match self {
-            Self::Voxels(options) => Some(&mut options.materials),
-            Self::Properties(options) => Some(&mut options.materials),
-            Self::Deck(options) => Some(&mut options.case.materials),
-            _ => None,
-        }
-    }
-
-    /// What stands for its materials in the name of a file.
-    pub(super) fn digits_of_materials(&self) -> String {
-        self.materials().map_or_else(String::new, Materials::digits)
-    }
-
-    /// The same export with these materials, where it computes with materials and its options name none.
-    #[must_use]
-    pub fn with_materials(mut self, materials: &Materials) -> Self {
-        if self.needs_materials()
-            && let Some(own @ None) = self.materials_mut()
-        {
-            *own = Some(materials.clone());
-        }
-        self
-    }
-
-    /// Judges the materials by the request of the packing, before there are grains.
-    ///
-    /// # Errors
-    /// [`ExportError::Invalid`] where the export needs materials and neither its options nor the request states any,
-    /// where its options name a phase that the mix does not have, and where a phase or a property is missing.
-    pub fn check_materials(&self, request: &PackingRequest) -> Result<(), ExportError> {
-        if !self.needs_materials() {
-            return Ok(());
-        }
-        let names: Vec<_> = request.mix.aggregates.iter().map(|aggregate| aggregate.name.clone()).collect();
-        let materials =
-            chosen(self.materials(), request.materials.as_ref(), names.iter().map(Option::as_deref))?;
-        let phases = phases(materials, &names)?;
-        match self {
-            Self::Voxels(_) => moduli_gpa(&phases).map(|_| ()),
-            Self::Properties(options) => properties::check_materials(&phases, options),
-            Self::Deck(options) => deck::check_materials(&phases, options.case.load),
-            _ => Ok(()),
-        }
-    }
-}
+use crate::request::{FieldError, Materials};
 
 /// The materials that an export of a packing computes with; `own` are those of its option.
 ///
 /// # Errors
-/// As those of [`ExportRequest::check_materials`].
+/// [`ExportError::Invalid`] where neither states any, and where the option names a phase that the mix does not have.
 pub(super) fn of_model<'a>(
     own: Option<&'a Materials>,
     model: &Model<'a>,
@@ -85,7 +17,11 @@ pub(super) fn of_model<'a>(
     chosen(own, model.materials, names.iter().map(Option::as_deref))
 }
 
-fn chosen<'a, 'b>(
+/// The materials of an option, else those that the request states, for a mix with aggregates of these names.
+///
+/// # Errors
+/// As those of [`of_model`].
+pub(super) fn chosen<'a, 'b>(
     own: Option<&'a Materials>,
     stated: Option<&'a Materials>,
     names: impl Iterator<Item = Option<&'b str>>,
@@ -106,11 +42,11 @@ fn chosen<'a, 'b>(
 
 /// A phase with its material.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Phase<'a> {
+pub struct PhaseMaterial<'a> {
     /// `matrix`, `aggregate` or the name of an aggregate.
-    pub(super) name: &'a str,
+    pub name: &'a str,
     /// Its material.
-    pub(super) material: &'a Material,
+    pub material: &'a Material,
 }
 
 /// The phases of a packing with their materials: the matrix, then each aggregate of `names`, or all as one where there
@@ -121,7 +57,7 @@ pub(super) struct Phase<'a> {
 pub(super) fn phases<'a>(
     materials: &'a Materials,
     names: &'a [Option<String>],
-) -> Result<Vec<Phase<'a>>, ExportError> {
+) -> Result<Vec<PhaseMaterial<'a>>, ExportError> {
     /// All aggregate.
     const WHOLE: &[Option<String>] = &[None];
     let names = if names.is_empty() { WHOLE } else { names };
@@ -133,7 +69,7 @@ pub(super) fn phases<'a>(
     let (mut phases, mut missing) = (Vec::new(), Vec::new());
     for (name, material) in std::iter::once(matrix).chain(aggregates) {
         match material {
-            Some(material) => phases.push(Phase { name, material }),
+            Some(material) => phases.push(PhaseMaterial { name, material }),
             None => {
                 missing
                     .push(FieldError::new(place(name, ""), "is missing: every phase must have a material"));
@@ -148,7 +84,7 @@ pub(super) fn phases<'a>(
 ///
 /// # Errors
 /// [`ExportError::Invalid`] with every property that is missing.
-pub(super) fn moduli_gpa(phases: &[Phase<'_>]) -> Result<Vec<[f64; 2]>, ExportError> {
+pub(super) fn moduli_gpa(phases: &[PhaseMaterial<'_>]) -> Result<Vec<[f64; 2]>, ExportError> {
     let (mut moduli, mut missing) = (Vec::new(), Vec::new());
     for phase in phases {
         match phase.moduli_gpa() {
@@ -160,7 +96,7 @@ pub(super) fn moduli_gpa(phases: &[Phase<'_>]) -> Result<Vec<[f64; 2]>, ExportEr
     if missing.is_empty() { Ok(moduli) } else { Err(ExportError::Invalid(missing)) }
 }
 
-impl Phase<'_> {
+impl PhaseMaterial<'_> {
     /// A property that the export needs, or the fault that it is missing.
     pub(super) fn needed(&self, property: &str, value: Option<f64>) -> Result<f64, FieldError> {
         value.ok_or_else(|| {
@@ -193,6 +129,8 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::*;
+    use crate::export::ExportRequest;
+    use crate::request::PackingRequest;
 
     fn fans(options: &Value) -> ExportRequest {
         let mut export = json!({"type": "voxels", "for": "fans"});
@@ -277,7 +215,7 @@ mod tests {
         .unwrap();
         let names = ["basalt", "air"].map(|name| Some(name.to_owned()));
         let phases_of = phases(&materials, &names).unwrap();
-        let moduli: Vec<_> = phases_of.iter().map(Phase::moduli_gpa).collect();
+        let moduli: Vec<_> = phases_of.iter().map(PhaseMaterial::moduli_gpa).collect();
         // K = E / 3 (1 - 2 nu) = 25 / 1.8, G = E / 2 (1 + nu) = 25 / 2.4
         let [bulk, shear] = *moduli[0].as_ref().unwrap();
         assert!(

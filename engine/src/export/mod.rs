@@ -9,6 +9,7 @@ pub mod certificates;
 pub mod deck;
 mod digits;
 mod groups;
+mod kind;
 pub mod ldpm;
 mod materials;
 pub mod mesh;
@@ -48,7 +49,9 @@ use crate::memory::OutOfMemory;
 use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
-pub use catalog::{ComputationEstimate, ExportEstimate, ExportReport, ExportRequest, ExportType};
+pub use catalog::{ExportReport, ExportRequest, ExportType};
+pub use kind::{ComputationEstimate, Expected, Export, ExportEstimate, Made};
+pub use materials::PhaseMaterial;
 pub use mesh::SurfaceCache;
 pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES, WriteSurfaces};
 pub use provenance::Provenance;

@@ -5,6 +5,7 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::kind::{Expected, Export, ExportEstimate};
 use super::{ExportError, Model};
 use crate::analysis::quality::{QualityError, QualityReport, quality};
 use crate::control::Control;
@@ -66,36 +67,55 @@ impl QualityOptions {
     }
 }
 
-/// Expected length of the file in bytes.
-pub(super) fn expected_bytes() -> u64 {
-    DOCUMENT_BYTES
-}
+impl Export for QualityOptions {
+    type Report = QualityReport;
 
-/// Measures the packing and writes the report.
-///
-/// # Errors
-/// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
-pub(super) fn write(
-    model: &Model<'_>,
-    limits: &Limits,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<QualityReport, ExportError> {
-    let grains = model.grains.len() as u64;
-    let bytes = grains.saturating_mul(BYTES_PER_GRAIN);
-    if bytes > limits.max_memory_bytes {
-        return Err(ExportError::TooLarge(FieldError::new(
-            "",
-            format!(
-                "the quality of {grains} grains takes about {bytes} bytes of memory: must be at most {}",
-                limits.max_memory_bytes
-            ),
-        )));
+    const NAME: &'static str = "quality";
+    const FORMATS: &'static [&'static str] = &["json"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
     }
-    let report = quality(model.grains, model.specimen, control)?;
-    serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
-    writeln!(out)?;
-    Ok(report)
+
+    fn format(&self) -> &'static str {
+        self.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.format.media_type()
+    }
+
+    fn estimate(&self, _: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        Ok(ExportEstimate::of_bytes(DOCUMENT_BYTES))
+    }
+
+    /// Measures the packing and writes the report.
+    ///
+    /// # Errors
+    /// [`ExportError::TooLarge`], [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<QualityReport, ExportError> {
+        let grains = model.grains.len() as u64;
+        let bytes = grains.saturating_mul(BYTES_PER_GRAIN);
+        if bytes > limits.max_memory_bytes {
+            return Err(ExportError::TooLarge(FieldError::new(
+                "",
+                format!(
+                    "the quality of {grains} grains takes about {bytes} bytes of memory: must be at most {}",
+                    limits.max_memory_bytes
+                ),
+            )));
+        }
+        let report = quality(model.grains, model.specimen, control)?;
+        serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
+        writeln!(out)?;
+        Ok(report)
+    }
 }
 
 impl From<QualityError> for ExportError {
@@ -136,7 +156,7 @@ mod tests {
         assert_eq!(serde_json::from_slice::<QualityReport>(&out).unwrap(), report);
         assert!(report.contacts.is_some() && report.blocks.is_some() && report.walls.is_some(), "{report:?}");
         assert_eq!((export.file_ending(), export.media_type()), ("quality.json".into(), "application/json"));
-        let expected = expected_bytes() as usize;
+        let expected = DOCUMENT_BYTES as usize;
         assert!((expected / 2..2 * expected).contains(&out.len()), "{}", out.len());
     }
 

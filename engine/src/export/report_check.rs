@@ -1,14 +1,12 @@
-//! Whether an export takes long, and whether the report that a worker process sends with its file can be right.
+//! Whether the report that a worker process sends with its file can be right.
 //!
 //! What must hold follows from the packing, the options and the materials, without making the export again: grids and
 //! volumes are compared, and effective properties lie between bounds that are computed here.
 
 use nalgebra::Matrix6;
 
-use super::mesh_check::{check_deck, check_mesh, check_slice};
 use super::properties::{PropertyReport, of_material};
-use super::voxels::{self, VoxelFormat, VoxelGrid, VoxelOptions, VoxelReport};
-use super::{ExportReport, ExportRequest};
+use super::voxels::{VoxelFormat, VoxelGrid, VoxelOptions, VoxelReport};
 use crate::homogenization::ElasticPhase;
 use crate::homogenization::moduli::{
     IsotropicModuli, conduction_bounds, elastic_bounds, isotropic_projection,
@@ -21,76 +19,9 @@ const ROUNDING: f64 = 1e-9;
 /// A property of a material, where it has it.
 type Property = fn(&Material) -> Option<f64>;
 
-/// Bytes from which on a voxel model is heavy.
-const HEAVY_VOXEL_BYTES: u64 = 100_000_000;
-
-impl ExportRequest {
-    /// Whether it may take as long as a packing: then a service makes it, where the request of a job asks for it, in
-    /// the slots of packings instead of beside them. All that needs [`Model::mesher`](super::Model::mesher) is.
-    pub fn is_heavy(&self, specimen: &Specimen) -> bool {
-        match self {
-            Self::Voxels(options) => {
-                voxels::expected_bytes(specimen, options, &voxels::Interfaces::MOST) >= HEAVY_VOXEL_BYTES
-            }
-            Self::Properties(_) | Self::Deck(_) => true,
-            Self::Mesh(_) | Self::Slice(_) => self.needs_mesher(),
-            Self::Ldpm(_) | Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => false,
-        }
-    }
-
-    /// Checks the report of a file of `bytes` bytes against the specimen, the volume fraction of the packing and the
-    /// materials that its request states.
-    ///
-    /// # Errors
-    /// What cannot be, in one sentence.
-    pub fn check_report(
-        &self,
-        specimen: &Specimen,
-        volume_fraction: f64,
-        materials: Option<&Materials>,
-        report: &ExportReport,
-        bytes: u64,
-    ) -> Result<(), String> {
-        let (kind, found) = (self.export_type(), report.export_type());
-        if found != kind {
-            return Err(format!("the report is one of {:?}: must be of {:?}", found.name(), kind.name()));
-        }
-        match self {
-            Self::Voxels(options) => match report {
-                ExportReport::Voxels(report) => {
-                    check_voxels(specimen, options, volume_fraction, report, bytes)
-                }
-                _ => Ok(()),
-            },
-            Self::Properties(options) => match report {
-                ExportReport::Properties(report) => {
-                    check_properties(volume_fraction, options.materials.as_ref().or(materials), report)
-                }
-                _ => Ok(()),
-            },
-            Self::Mesh(mesh) => match report {
-                ExportReport::Mesh(report) => check_mesh(specimen, mesh, volume_fraction, report),
-                _ => Ok(()),
-            },
-            Self::Deck(options) => match report {
-                ExportReport::Deck(report) => {
-                    check_deck(specimen, options, volume_fraction, materials, report)
-                }
-                _ => Ok(()),
-            },
-            Self::Slice(_) => match report {
-                ExportReport::Slice(report) => check_slice(report),
-                _ => Ok(()),
-            },
-            // Made by the server itself.
-            Self::Ldpm(_) | Self::Certificates(_) | Self::Shapes(_) | Self::Quality(_) => Ok(()),
-        }
-    }
-}
-
 /// The grid, the length of a file of labels alone and the exact volume fraction follow from specimen, options and
 /// packing.
-fn check_voxels(
+pub(super) fn check_voxels(
     specimen: &Specimen,
     options: &VoxelOptions,
     volume_fraction: f64,
@@ -125,7 +56,7 @@ fn check_voxels(
 /// The phases have the materials that are given and the volumes of the packing, the stiffness is symmetric, and the
 /// properties lie between the bounds of Voigt and Reuss for the shares of the voxels, within the tolerance of the
 /// solver.
-fn check_properties(
+pub(super) fn check_properties(
     volume_fraction: f64,
     materials: Option<&Materials>,
     report: &PropertyReport,
@@ -198,6 +129,7 @@ mod tests {
     use super::*;
     use crate::Unattended;
     use crate::export::Model;
+    use crate::export::{ExportReport, ExportRequest};
     use crate::packing::Spheres;
     use crate::plan::Limits;
     use crate::request::Boundary;

@@ -7,11 +7,13 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
+use super::kind::{Expected, Export, ExportEstimate};
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::analysis::shapes::{Figures, Measured};
 use crate::control::{Control, Phase, Progress};
 use crate::packing::GrainsRef;
+use crate::plan::Limits;
 use crate::request::decode::Object;
 use crate::shape::{Solid, Zingg};
 
@@ -63,41 +65,60 @@ pub struct ShapeTableReport {
     pub grains: u64,
 }
 
-/// Expected length of the file in bytes.
-pub(super) fn expected_bytes(grains: f64) -> u64 {
-    (grains * ROW_BYTES) as u64
-}
+impl Export for ShapeTableOptions {
+    type Report = ShapeTableReport;
 
-/// Writes the table.
-///
-/// # Errors
-/// [`ExportError::Stopped`], [`ExportError::Write`].
-pub(super) fn write(
-    model: &Model<'_>,
-    options: &ShapeTableOptions,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<ShapeTableReport, ExportError> {
-    let grains = model.grains.len();
-    let measured = Measured::new(model.grains);
-    let mut rows = Rows::begin(out, options.format, &COLUMNS, &[])?;
-    for grain in 0..grains {
-        if grain.is_multiple_of(ROWS_PER_LOOK) {
-            go_on(control)?;
-            control.report(&Progress {
-                phase: Phase::Export,
-                fraction: grain as f64 / grains as f64,
-                done: grain as u64,
-                total: grains as u64,
-                unit: "grains",
-                message: "writing shapes".into(),
-                growth: None,
-            });
-        }
-        rows.row(&cells(model.grains, grain, &measured.of(grain)))?;
+    const NAME: &'static str = "shapes";
+    const FORMATS: &'static [&'static str] = &["csv", "json"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
     }
-    rows.end()?;
-    Ok(ShapeTableReport { grains: grains as u64 })
+
+    fn format(&self) -> &'static str {
+        self.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.format.media_type()
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        Ok(ExportEstimate::of_bytes((of.grains() * ROW_BYTES) as u64))
+    }
+
+    /// Writes the table.
+    ///
+    /// # Errors
+    /// [`ExportError::Stopped`], [`ExportError::Write`].
+    fn write(
+        &self,
+        model: &Model<'_>,
+        _: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<ShapeTableReport, ExportError> {
+        let grains = model.grains.len();
+        let measured = Measured::new(model.grains);
+        let mut rows = Rows::begin(out, self.format, &COLUMNS, &[])?;
+        for grain in 0..grains {
+            if grain.is_multiple_of(ROWS_PER_LOOK) {
+                go_on(control)?;
+                control.report(&Progress {
+                    phase: Phase::Export,
+                    fraction: grain as f64 / grains as f64,
+                    done: grain as u64,
+                    total: grains as u64,
+                    unit: "grains",
+                    message: "writing shapes".into(),
+                    growth: None,
+                });
+            }
+            rows.row(&cells(model.grains, grain, &measured.of(grain)))?;
+        }
+        rows.end()?;
+        Ok(ShapeTableReport { grains: grains as u64 })
+    }
 }
 
 fn cells(grains: GrainsRef<'_>, grain: usize, figures: &Figures) -> [Cell; 14] {

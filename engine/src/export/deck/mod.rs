@@ -19,6 +19,8 @@ mod unpack;
 use std::io::Write;
 use std::num::NonZeroUsize;
 
+use serde_json::Value;
+
 pub(crate) use frame::Frame;
 pub use load::Load;
 pub use options::{
@@ -32,9 +34,11 @@ use self::load::Conditions;
 use self::sets::NodeSets;
 use self::solid_part::LeftOut;
 use super::archive::{Archive, Content, PIECE_BYTES};
-use super::materials::{Phase, moduli_gpa, of_model, phases as phases_with_materials};
+use super::kind::{Expected, Export, ExportEstimate, Made};
+use super::materials::{PhaseMaterial, moduli_gpa, of_model, phases as phases_with_materials};
 use super::mesh::TetrahedronReport;
 use super::mesh::tetrahedra::fill;
+use super::mesh_check::check_deck;
 use super::slice::{Cut, TriangleReport};
 use super::solid::PlaneState;
 use super::solid::{ElementKind, PhaseRole, PhaseSet, SolidMeasures, SolidMesh};
@@ -42,6 +46,7 @@ use super::{ExportError, Model, Provenance, slice, voxels};
 use crate::control::{Control, Part};
 use crate::memory::reserved;
 use crate::plan::Limits;
+use crate::request::decode::Object;
 use crate::request::{Axis, Boundary, FieldError, GrainKind, Material, Materials, Specimen};
 
 /// Name of the set of nodes of all faces, whose displacements and reactions a deck prints.
@@ -49,7 +54,7 @@ pub const PRINTED_SET: &str = load::ALL_FACES;
 /// Name of the job that a solver runs: `model.inp`.
 pub const MODEL: &str = text::MODEL;
 /// Bytes of text that deflate makes one of.
-pub(super) const DEFLATED: u64 = 4;
+const DEFLATED: u64 = 4;
 /// Bytes of the comments that begin a file at most.
 const HEAD_BYTES: usize = 1000;
 /// Thickness of a plane model.
@@ -57,12 +62,114 @@ const THICKNESS_MM: f64 = 1.0;
 /// Bytes of an equation at most.
 const EQUATION_BYTES: usize = 60;
 
+impl Export for DeckOptions {
+    type Report = DeckReport;
+
+    const NAME: &'static str = "deck";
+    const FORMATS: &'static [&'static str] = &["zip"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
+    }
+
+    fn format(&self) -> &'static str {
+        self.case.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.case.format.media_type()
+    }
+
+    fn name_parts(&self) -> Vec<&'static str> {
+        match self.mesh.elements() {
+            DeckElements::Voxels => vec![Self::NAME],
+            elements => vec![Self::NAME, elements.name()],
+        }
+    }
+
+    fn deciding_option(&self) -> (&'static str, &'static str) {
+        ("elements", self.mesh.elements().name())
+    }
+
+    /// Four times the segments come with those, and the change of temperature with the load.
+    fn is_implied(&self, option: &str, value: &Value) -> bool {
+        match option {
+            "max_segments" => self.mesh.has_default_max_segments(),
+            "temperature_change_k" => value == DEFAULT_TEMPERATURE_CHANGE_K,
+            _ => false,
+        }
+    }
+
+    fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
+        check(specimen, self, limits)
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        if let DeckMesh::Tetrahedra(own) = &self.mesh {
+            let estimate = own.alone().estimate(of)?;
+            return Ok(ExportEstimate { bytes: estimate.bytes / DEFLATED, ..estimate });
+        }
+        Ok(ExportEstimate::of_bytes(expected_bytes(of.specimen(), self, of.sum_mm(), of.kind())))
+    }
+
+    fn needs_mesher(&self) -> bool {
+        !matches!(self.mesh, DeckMesh::Voxels(_))
+    }
+
+    fn is_heavy(&self, _: &Specimen) -> bool {
+        true
+    }
+
+    fn needs_materials(&self) -> bool {
+        true
+    }
+
+    fn materials(&self) -> Option<&Materials> {
+        self.case.materials.as_ref()
+    }
+
+    fn materials_mut(&mut self) -> Option<&mut Option<Materials>> {
+        Some(&mut self.case.materials)
+    }
+
+    fn check_materials(&self, phases: &[PhaseMaterial<'_>]) -> Result<(), ExportError> {
+        check_materials(phases, self.case.load)
+    }
+
+    fn check_report(&self, made: &Made<'_>, report: &DeckReport) -> Result<(), String> {
+        check_deck(made.specimen, self, made.volume_fraction, made.materials, report)
+    }
+
+    /// Makes the deck and writes it.
+    ///
+    /// # Errors
+    /// Those of [`check`]; [`ExportError::Invalid`] for a phase without the properties that the load needs;
+    /// [`ExportError::Unavailable`] for an empty set, a load on no node, and too few constraints; and
+    /// [`ExportError::Stopped`]. Nothing is written before all of this is known.
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<DeckReport, ExportError> {
+        check(model.specimen, self, limits)?;
+        let materials = of_model(self.case.materials.as_ref(), model)?;
+        let meshing = Part::new(control, 0.0, 0.8);
+        let mesh = Meshed::of(model, &self.mesh, limits, &meshing)?;
+        let deck = Deck::new(mesh, model.specimen, &self.case, materials, &meshing)?;
+        let writing = Part::new(control, 0.8, 1.0);
+        deck.write(model.provenance, limits.export_threads, &writing, out)?;
+        Ok(deck.report)
+    }
+}
+
 /// Judges options before there are grains.
 ///
 /// # Errors
 /// [`ExportError::Invalid`] for a load that the specimen or the cut does not have, and for a cut through a cylinder;
 /// [`ExportError::TooLarge`].
-pub(super) fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<(), ExportError> {
+fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<(), ExportError> {
     if let DeckMesh::Triangles(own) = &options.mesh {
         return check_cut(specimen, options.case.load, own, limits);
     }
@@ -77,7 +184,7 @@ pub(super) fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits)
     }
     match &options.mesh {
         DeckMesh::Voxels(own) => voxels::check(specimen, &own.voxels(), limits),
-        DeckMesh::Tetrahedra(own) => own.alone().check(specimen),
+        DeckMesh::Tetrahedra(own) => own.alone().check(specimen, limits),
         DeckMesh::Triangles(_) => Ok(()),
     }
 }
@@ -105,12 +212,7 @@ fn check_cut(specimen: &Specimen, load: Load, own: &CutElements, limits: &Limits
 
 /// Length of the file of voxels, or of the triangles of a cut through grains of that sum of diameters, within a factor
 /// of two; that of tetrahedra follows from their surfaces.
-pub(super) fn expected_bytes(
-    specimen: &Specimen,
-    options: &DeckOptions,
-    sum_mm: f64,
-    kind: GrainKind,
-) -> u64 {
+fn expected_bytes(specimen: &Specimen, options: &DeckOptions, sum_mm: f64, kind: GrainKind) -> u64 {
     let bytes = match &options.mesh {
         DeckMesh::Voxels(own) => {
             let (nodes, elements) = voxels::hexahedra(specimen, &own.voxels());
@@ -122,37 +224,14 @@ pub(super) fn expected_bytes(
     bytes / DEFLATED
 }
 
-/// Makes the deck and writes it.
-///
-/// # Errors
-/// Those of [`check`]; [`ExportError::Invalid`] for a phase without the properties that the load needs;
-/// [`ExportError::Unavailable`] for an empty set, a load on no node, and too few constraints; and
-/// [`ExportError::Stopped`]. Nothing is written before all of this is known.
-pub(super) fn write(
-    model: &Model<'_>,
-    options: &DeckOptions,
-    limits: &Limits,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<DeckReport, ExportError> {
-    check(model.specimen, options, limits)?;
-    let materials = of_model(options.case.materials.as_ref(), model)?;
-    let meshing = Part::new(control, 0.0, 0.8);
-    let mesh = Meshed::of(model, &options.mesh, limits, &meshing)?;
-    let deck = Deck::new(mesh, model.specimen, &options.case, materials, &meshing)?;
-    let writing = Part::new(control, 0.8, 1.0);
-    deck.write(model.provenance, limits.export_threads, &writing, out)?;
-    Ok(deck.report)
-}
-
 /// Judges the materials of a packing's phases before there are grains.
 ///
 /// # Errors
 /// [`ExportError::Invalid`] with every property that is missing.
-pub(super) fn check_materials(phases: &[Phase<'_>], load: Load) -> Result<(), ExportError> {
+fn check_materials(phases: &[PhaseMaterial<'_>], load: Load) -> Result<(), ExportError> {
     moduli_gpa(phases)?;
     let heats = load == Load::Temperature;
-    let needs = |phase: &&Phase<'_>| heats && modulus(phase.material) > 0.0;
+    let needs = |phase: &&PhaseMaterial<'_>| heats && modulus(phase.material) > 0.0;
     let missing: Vec<FieldError> = phases
         .iter()
         .filter(needs)

@@ -29,6 +29,8 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
 
+use serde_json::Value;
+
 pub use measured::Cell;
 pub use nodes::Nodes;
 pub use options::{BoundaryNodes, LatticeFormat, LatticeOptions};
@@ -36,12 +38,14 @@ pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::arrays::Each as _;
 use crate::control::{Control, Part};
+use crate::export::kind::{Expected, Export, ExportEstimate};
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};
 use crate::grain::PlacedGrains;
 use crate::memory;
 use crate::plan::Limits;
+use crate::request::decode::Object;
 use crate::request::{FieldError, Specimen};
 use measured::Mesh;
 use tessellation::point;
@@ -62,6 +66,71 @@ pub struct Lattice<'a> {
     report: LatticeReport,
 }
 
+impl Export for LatticeOptions {
+    type Report = LatticeReport;
+
+    const NAME: &'static str = "ldpm";
+    const FORMATS: &'static [&'static str] = &["chrono", "tets", "facets", "cells"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
+    }
+
+    fn format(&self) -> &'static str {
+        self.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.format.media_type()
+    }
+
+    fn file_extension(&self) -> &'static str {
+        self.format.extension()
+    }
+
+    fn name_parts(&self) -> Vec<&'static str> {
+        vec![Self::NAME, self.format.name()]
+    }
+
+    /// Half of the fictitious diameter comes with it.
+    fn is_implied(&self, option: &str, value: &Value) -> bool {
+        option == "surface_radius"
+            && value.as_f64().is_some_and(|radius| radius * 2.0 == self.fictitious_diameter)
+    }
+
+    fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
+        check(specimen, self, limits)
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        let bytes = expected_bytes(of.specimen(), self, of.grains(), of.d_min_mm());
+        Ok(ExportEstimate::of_bytes(bytes))
+    }
+
+    /// Makes a lattice of a packing and writes the file that is asked for.
+    ///
+    /// # Errors
+    /// [`ExportError`].
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<LatticeReport, ExportError> {
+        // By measured times: text takes long, and so do the many arrays of facets.
+        let made = match self.format {
+            LatticeFormat::Chrono => 0.15,
+            LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
+            LatticeFormat::Tets => 0.9,
+        };
+        let lattice = Lattice::make(model, self, limits, &Part::new(control, 0.0, made))?;
+        let threads = limits.export_threads;
+        lattice.write(self, model.provenance, threads, &Part::new(control, made, 1.0), out)?;
+        Ok(lattice.report)
+    }
+}
+
 /// Judges what can be judged before there are grains.
 ///
 /// # Errors
@@ -74,29 +143,6 @@ pub fn check(specimen: &Specimen, _: &LatticeOptions, _: &Limits) -> Result<(), 
         ));
     }
     Ok(())
-}
-
-/// Makes a lattice of a packing and writes the file that is asked for.
-///
-/// # Errors
-/// [`ExportError`].
-pub fn write(
-    model: &Model<'_>,
-    options: &LatticeOptions,
-    limits: &Limits,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<LatticeReport, ExportError> {
-    // By measured times: text takes long, and so do the many arrays of facets.
-    let made = match options.format {
-        LatticeFormat::Chrono => 0.15,
-        LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
-        LatticeFormat::Tets => 0.9,
-    };
-    let lattice = Lattice::make(model, options, limits, &Part::new(control, 0.0, made))?;
-    let threads = limits.export_threads;
-    lattice.write(options, model.provenance, threads, &Part::new(control, made, 1.0), out)?;
-    Ok(lattice.report)
 }
 
 impl<'a> Lattice<'a> {
@@ -220,12 +266,7 @@ impl<'a> Lattice<'a> {
 
 /// Length of the file of a lattice, within a factor of 1.5: by the tetrahedra that grains and nodes on the surface have
 /// on average, and the bytes of each in a format.
-pub(super) fn expected_bytes(
-    specimen: &Specimen,
-    options: &LatticeOptions,
-    grains: f64,
-    d_min_mm: f64,
-) -> u64 {
+fn expected_bytes(specimen: &Specimen, options: &LatticeOptions, grains: f64, d_min_mm: f64) -> u64 {
     let boundary = nodes::expected_on_boundary(specimen, options, d_min_mm);
     let tetrahedra = 6.5 * grains + 2.8 * boundary;
     let per_tetrahedron = match options.format {

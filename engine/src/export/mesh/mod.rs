@@ -39,9 +39,12 @@ pub mod tetrahedra;
 use std::io::Write;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::control::{Control, Phase, Progress, Unattended};
 use crate::distance::DistanceRule;
+use crate::export::kind::{Expected, Export, ExportEstimate, Made};
+use crate::export::mesh_check::check_mesh;
 use crate::export::{ExportError, Model};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
@@ -99,34 +102,6 @@ pub enum MeshReport {
 }
 
 impl MeshRequest {
-    /// Reads `format` and its options out of a request; faults go where the object's go.
-    pub fn read(object: &mut Object<'_>) -> Option<Self> {
-        let format = match object.optional("format") {
-            Some(at) => at.choice(&FORMATS.map(|name| (name, name)))?,
-            None => FORMATS[0],
-        };
-        match format {
-            "geo" => geo::GeoOptions::read(object).map(Self::Geo),
-            "stl" => SurfaceOptions::read(object).map(Self::Stl),
-            "inp" => MeshOptions::read(object, true).map(Self::Inp),
-            "vtu" => MeshOptions::read(object, true).map(Self::Vtu),
-            "med" => MeshOptions::read(object, true).map(Self::Med),
-            _ => MeshOptions::read(object, false).map(Self::Msh),
-        }
-    }
-
-    /// Name of the file format, and file extension of what is no archive.
-    pub fn format(&self) -> &'static str {
-        match self {
-            Self::Msh(_) => "msh",
-            Self::Geo(_) => "geo",
-            Self::Stl(_) => "stl",
-            Self::Inp(_) => "inp",
-            Self::Vtu(_) => "vtu",
-            Self::Med(_) => "med",
-        }
-    }
-
     /// The options of its tetrahedra, where it has any: such a mesh needs [`Model::mesher`].
     pub fn tetrahedra(&self) -> Option<&TetrahedronOptions> {
         match self {
@@ -148,54 +123,27 @@ impl MeshRequest {
         }
     }
 
-    /// Media type of the file, without parameters.
-    pub fn media_type(&self) -> &'static str {
-        match self {
-            Self::Msh(_) => "application/vnd.gmsh.msh",
-            Self::Geo(_) | Self::Inp(_) => "text/plain",
-            Self::Stl(_) => "application/zip",
-            Self::Vtu(_) => "application/vnd.vtk.unstructuredgrid+xml",
-            Self::Med(_) => "application/x-hdf5",
-        }
+    /// Whether `max_segments` is what `segments` implies.
+    pub(in crate::export) fn has_default_max_segments(&self) -> bool {
+        self.surfaces().is_none_or(SurfaceOptions::has_default_max_segments)
     }
 
-    /// File extension.
-    pub fn file_extension(&self) -> &'static str {
-        match self {
-            Self::Stl(_) => "zip",
-            _ => self.format(),
-        }
-    }
-
-    /// Judges what can be judged before there are grains.
-    ///
-    /// # Errors
-    /// [`ExportError::Unavailable`] for a periodic box.
-    pub fn check(&self, specimen: &Specimen) -> Result<(), ExportError> {
-        check(specimen)
-    }
-
-    /// Says how long the file of a packing will be, and how many triangles it will have.
-    pub(super) fn estimate(&self, model: &Model<'_>) -> Result<(u64, Option<MeshEstimate>), ExportError> {
-        check(model.specimen)?;
-        let Some(options) = self.surfaces() else { return Ok((geo::bytes_of_model(model), None)) };
+    fn estimate_packed(&self, model: &Model<'_>) -> Result<ExportEstimate, ExportError> {
+        let Some(options) = self.surfaces() else {
+            return Ok(ExportEstimate::of_bytes(geo::bytes_of_model(model)));
+        };
         let options =
             &self.tetrahedra().map_or_else(|| options.clone(), |own| own.of_surfaces(options, None));
         let specimen = model.specimen;
         let model = &MeshModel::new(model)?;
         let estimate = self.in_format(specimen, estimate::of_model(model, options, &Unattended)?.0);
-        Ok((estimate.bytes, Some(estimate)))
+        Ok(ExportEstimate { mesh: Some(estimate), ..ExportEstimate::of_bytes(estimate.bytes) })
     }
 
-    /// The same by the plan of a packing, with warnings.
-    pub(super) fn estimate_from_plan(
-        &self,
-        request: &PackingRequest,
-        plan: &Plan,
-    ) -> Result<(u64, Option<MeshEstimate>, Vec<String>), ExportError> {
-        check(&request.specimen)?;
+    /// With warnings of what is likely to go wrong.
+    fn estimate_planned(&self, request: &PackingRequest, plan: &Plan) -> ExportEstimate {
         let Some(options) = self.surfaces() else {
-            return Ok((geo::bytes_of_plan(request.mix.grain_kind(), plan.grains), None, Vec::new()));
+            return ExportEstimate::of_bytes(geo::bytes_of_plan(request.mix.grain_kind(), plan.grains));
         };
         let options =
             &self.tetrahedra().map_or_else(|| options.clone(), |own| own.of_surfaces(options, None));
@@ -222,7 +170,7 @@ impl MeshRequest {
                 options.max_bytes / 1_000_000
             ));
         }
-        Ok((estimate.bytes, Some(estimate), warnings))
+        ExportEstimate { mesh: Some(estimate), warnings, ..ExportEstimate::of_bytes(estimate.bytes) }
     }
 
     fn in_format(&self, specimen: &Specimen, estimate: MeshEstimate) -> MeshEstimate {
@@ -232,17 +180,97 @@ impl MeshRequest {
             (None, _) => estimate,
         }
     }
+}
 
-    /// Whether `max_segments` is what `segments` implies.
-    pub(in crate::export) fn has_default_max_segments(&self) -> bool {
-        self.surfaces().is_none_or(SurfaceOptions::has_default_max_segments)
+impl Export for MeshRequest {
+    type Report = MeshReport;
+
+    const NAME: &'static str = "mesh";
+    const FORMATS: &'static [&'static str] = &FORMATS;
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        let format = match object.optional("format") {
+            Some(at) => at.choice(&FORMATS.map(|name| (name, name)))?,
+            None => FORMATS[0],
+        };
+        match format {
+            "geo" => geo::GeoOptions::read(object).map(Self::Geo),
+            "stl" => SurfaceOptions::read(object).map(Self::Stl),
+            "inp" => MeshOptions::read(object, true).map(Self::Inp),
+            "vtu" => MeshOptions::read(object, true).map(Self::Vtu),
+            "med" => MeshOptions::read(object, true).map(Self::Med),
+            _ => MeshOptions::read(object, false).map(Self::Msh),
+        }
     }
 
-    /// Writes the file.
-    ///
-    /// # Errors
-    /// See [`ExportError`].
-    pub fn write(
+    fn format(&self) -> &'static str {
+        match self {
+            Self::Msh(_) => "msh",
+            Self::Geo(_) => "geo",
+            Self::Stl(_) => "stl",
+            Self::Inp(_) => "inp",
+            Self::Vtu(_) => "vtu",
+            Self::Med(_) => "med",
+        }
+    }
+
+    fn media_type(&self) -> &'static str {
+        match self {
+            Self::Msh(_) => "application/vnd.gmsh.msh",
+            Self::Geo(_) | Self::Inp(_) => "text/plain",
+            Self::Stl(_) => "application/zip",
+            Self::Vtu(_) => "application/vnd.vtk.unstructuredgrid+xml",
+            Self::Med(_) => "application/x-hdf5",
+        }
+    }
+
+    fn file_extension(&self) -> &'static str {
+        match self {
+            Self::Stl(_) => "zip",
+            _ => self.format(),
+        }
+    }
+
+    fn name_parts(&self) -> Vec<&'static str> {
+        match self {
+            Self::Stl(_) => vec![self.format()],
+            _ if self.tetrahedra().is_some() => vec!["tetrahedra"],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Four times the segments come with those. The name says that there are tetrahedra; they are of the first order
+    /// where it does not say which.
+    fn is_implied(&self, option: &str, value: &Value) -> bool {
+        match option {
+            "max_segments" => self.has_default_max_segments(),
+            "elements" => true,
+            "order" => value.as_u64() == Some(1),
+            _ => false,
+        }
+    }
+
+    fn check(&self, specimen: &Specimen, _: &Limits) -> Result<(), ExportError> {
+        check(specimen)
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        check(of.specimen())?;
+        match *of {
+            Expected::Packed(model) => self.estimate_packed(model),
+            Expected::Planned(request, plan) => Ok(self.estimate_planned(request, plan)),
+        }
+    }
+
+    fn needs_mesher(&self) -> bool {
+        self.tetrahedra().is_some()
+    }
+
+    fn check_report(&self, made: &Made<'_>, report: &MeshReport) -> Result<(), String> {
+        check_mesh(made.specimen, self, made.volume_fraction, report)
+    }
+
+    fn write(
         &self,
         model: &Model<'_>,
         limits: &Limits,
@@ -263,6 +291,11 @@ impl MeshRequest {
             Self::Geo(options) => geo::write(model, options, limits, control, out).map(MeshReport::Geo),
             Self::Stl(options) => stl::write(model, options, limits, control, out).map(MeshReport::Stl),
         }
+    }
+
+    fn companion(&self, file_name: &str) -> Option<(&'static str, String)> {
+        let is_filled_by_gmsh = matches!(self, Self::Msh(options) if options.tetrahedra.is_none());
+        is_filled_by_gmsh.then(|| ("geo", msh::script(file_name)))
     }
 }
 

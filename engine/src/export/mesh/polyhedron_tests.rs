@@ -307,12 +307,12 @@ fn estimate_and_mesh_share_the_surfaces_of_templates() {
         let request = MeshRequest::Stl(SurfaceOptions::default());
         let written = |model: &Model<'_>| {
             let mut file = Vec::new();
-            request.write(model, &Limits::default(), &Unattended, &mut file).unwrap();
+            request.write_or_resume(model, &Limits::default(), None, &Unattended, &mut file).unwrap();
             file
         };
         let (alone, surfaces) = (Model::new(&CUBE, &grains), SurfaceCache::default());
         let sharing = alone.with_surfaces(&surfaces);
-        request.estimate(&sharing).unwrap();
+        request.estimate(&Expected::Packed(&sharing)).unwrap();
         let made = surfaces.len();
         assert!(made >= grains.templates.len());
         assert!(written(&sharing) == written(&alone));

@@ -27,11 +27,14 @@ pub use report::{
 };
 
 use self::phases::Phases;
-pub(super) use self::phases::{check_materials, of_material};
+use self::phases::check_materials;
+pub(super) use self::phases::of_material;
 use self::state::State;
 use self::voxelize::{Cuts, Voxelized, voxelize};
+use super::kind::{ComputationEstimate, Expected, Export, ExportEstimate, Made};
+use super::report_check::check_properties;
 use super::voxels::VoxelGrid;
-use super::{ExportError, Model};
+use super::{ExportError, Model, materials};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Part};
 use crate::grain::PlacedGrains;
@@ -43,6 +46,7 @@ use crate::homogenization::{
     self, Conduction, Elasticity, HomogenizationError, Settings, SolvedCases, Voxels, conduction, elasticity,
 };
 use crate::plan::Limits;
+use crate::request::decode::Object;
 use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
 
 /// Length of a document with all kinds, and of what a file of fields has beside its voxels.
@@ -54,16 +58,114 @@ const ITERATIONS_PER_ROOT: f64 = 2.3;
 /// Iterations to a tolerance of 1e-4 with pores.
 const ITERATIONS_WITH_PORES: f64 = 30.0;
 
+impl Export for PropertyOptions {
+    type Report = PropertyReport;
+
+    const NAME: &'static str = "properties";
+    const FORMATS: &'static [&'static str] = &["json", "vti"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
+    }
+
+    fn format(&self) -> &'static str {
+        self.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.format.media_type()
+    }
+
+    fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
+        check(specimen, self, limits)
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        let (specimen, materials) = (of.specimen(), of.materials());
+        let computation = Some(ComputationEstimate {
+            memory_bytes: memory_bytes(specimen, materials, self, 1),
+            cpu_s: cpu_s(specimen, materials, self),
+        });
+        let bytes = expected_bytes(specimen, materials, self);
+        Ok(ExportEstimate { computation, ..ExportEstimate::of_bytes(bytes) })
+    }
+
+    fn is_heavy(&self, _: &Specimen) -> bool {
+        true
+    }
+
+    fn needs_materials(&self) -> bool {
+        true
+    }
+
+    fn materials(&self) -> Option<&Materials> {
+        self.materials.as_ref()
+    }
+
+    fn materials_mut(&mut self) -> Option<&mut Option<Materials>> {
+        Some(&mut self.materials)
+    }
+
+    fn check_materials(&self, phases: &[materials::PhaseMaterial<'_>]) -> Result<(), ExportError> {
+        check_materials(phases, self)
+    }
+
+    fn check_report(&self, made: &Made<'_>, report: &PropertyReport) -> Result<(), String> {
+        check_properties(made.volume_fraction, self.materials.as_ref().or(made.materials), report)
+    }
+
+    fn checkpoint_identity(&self, model: &Model<'_>) -> Option<Vec<u8>> {
+        checkpoint_identity(model, self)
+    }
+
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<PropertyReport, ExportError> {
+        self.write_or_resume(model, limits, None, control, out)
+    }
+
+    /// Computes the properties and writes them, or the fields. Load cases that an earlier run has solved are not solved
+    /// again, and change no byte.
+    ///
+    /// # Errors
+    /// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does not
+    /// reach the tolerance; [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
+    fn write_or_resume(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        resume: Option<Resume>,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<PropertyReport, ExportError> {
+        check(model.specimen, self, limits)?;
+        let phases = Phases::of(model, self)?;
+        let mut state = State::new(state::identity(self, phases.materials()), resume, control);
+        let work = Work { model, options: self, phases: &phases, limits };
+        let coarse = work.properties(self.cells / 2, &mut state, &Part::new(control, 0.0, 0.11))?;
+        let fine = work.properties(self.cells, &mut state, &Part::new(control, 0.11, 1.0))?;
+        let report = work.report(&coarse, &fine);
+        if let Some(cases) = state.last().filter(|_| self.fields) {
+            let (cell, threads) = ((&report.cell, self.scheme), limits.export_threads);
+            fields::write(model, &phases, cell, (&fine, cases), threads, control, out)?;
+        } else {
+            serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
+            writeln!(out)?;
+        }
+        Ok(report)
+    }
+}
+
 /// Judges options before there are grains.
 ///
 /// # Errors
 /// [`ExportError::Unavailable`] for a cylinder, [`ExportError::Invalid`] for an option that the specimen does not have,
 /// [`ExportError::TooLarge`].
-pub(super) fn check(
-    specimen: &Specimen,
-    options: &PropertyOptions,
-    limits: &Limits,
-) -> Result<(), ExportError> {
+fn check(specimen: &Specimen, options: &PropertyOptions, limits: &Limits) -> Result<(), ExportError> {
     let Specimen::Box { boundary, .. } = specimen else {
         return Err(ExportError::Unavailable(
             "effective properties are those of a periodic cell, which a cylinder is not: pack the mix in a box, best \
@@ -142,7 +244,7 @@ fn conduction_cases(materials: Option<&Materials>, options: &PropertyOptions) ->
 }
 
 /// Memory that the properties take at most, in bytes.
-pub(super) fn memory_bytes(
+fn memory_bytes(
     specimen: &Specimen,
     materials: Option<&Materials>,
     options: &PropertyOptions,
@@ -165,7 +267,7 @@ pub(super) fn memory_bytes(
 }
 
 /// CPU time that the properties take, in s, within a factor of three.
-pub(super) fn cpu_s(specimen: &Specimen, materials: Option<&Materials>, options: &PropertyOptions) -> f64 {
+fn cpu_s(specimen: &Specimen, materials: Option<&Materials>, options: &PropertyOptions) -> f64 {
     let voxels: f64 = shape(specimen, options).iter().map(|n| *n as f64).product();
     let iterations = match phases::contrast(options.materials.as_ref().or(materials)) {
         Some(contrast) => ITERATIONS_PER_ROOT * contrast.sqrt(),
@@ -180,11 +282,7 @@ pub(super) fn cpu_s(specimen: &Specimen, materials: Option<&Materials>, options:
 }
 
 /// Length of the file.
-pub(super) fn expected_bytes(
-    specimen: &Specimen,
-    materials: Option<&Materials>,
-    options: &PropertyOptions,
-) -> u64 {
+fn expected_bytes(specimen: &Specimen, materials: Option<&Materials>, options: &PropertyOptions) -> u64 {
     if !options.fields {
         return DOCUMENT_BYTES;
     }
@@ -195,39 +293,8 @@ pub(super) fn expected_bytes(
 }
 
 /// What a checkpoint of these properties belongs to; none where they cannot be computed.
-pub(super) fn checkpoint_identity(model: &Model<'_>, options: &PropertyOptions) -> Option<Vec<u8>> {
+fn checkpoint_identity(model: &Model<'_>, options: &PropertyOptions) -> Option<Vec<u8>> {
     state::identity(options, Phases::of(model, options).ok()?.materials())
-}
-
-/// Computes the properties and writes them, or the fields. Load cases that an earlier run has solved are not solved
-/// again, and change no byte.
-///
-/// # Errors
-/// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does not
-/// reach the tolerance; [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
-pub(super) fn write(
-    model: &Model<'_>,
-    options: &PropertyOptions,
-    limits: &Limits,
-    resume: Option<Resume>,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<PropertyReport, ExportError> {
-    check(model.specimen, options, limits)?;
-    let phases = Phases::of(model, options)?;
-    let mut state = State::new(state::identity(options, phases.materials()), resume, control);
-    let work = Work { model, options, phases: &phases, limits };
-    let coarse = work.properties(options.cells / 2, &mut state, &Part::new(control, 0.0, 0.11))?;
-    let fine = work.properties(options.cells, &mut state, &Part::new(control, 0.11, 1.0))?;
-    let report = work.report(&coarse, &fine);
-    if let Some(cases) = state.last().filter(|_| options.fields) {
-        let (cell, threads) = ((&report.cell, options.scheme), limits.export_threads);
-        fields::write(model, &phases, cell, (&fine, cases), threads, control, out)?;
-    } else {
-        serde_json::to_writer_pretty(&mut *out, &report).map_err(std::io::Error::from)?;
-        writeln!(out)?;
-    }
-    Ok(report)
 }
 
 /// The properties of a grid.

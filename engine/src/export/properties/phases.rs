@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::options::{PropertyKind, PropertyKinds, PropertyOptions};
 use super::report::PropertyPhase;
 use crate::export::groups::AggregateGroups;
-use crate::export::materials::{Phase, of_model, phases};
+use crate::export::materials::{PhaseMaterial, of_model, phases};
 use crate::export::{ExportError, Model};
 use crate::homogenization::ElasticPhase;
 use crate::request::materials::{AGGREGATE, MATRIX};
@@ -133,13 +133,13 @@ fn kinds_of(
 /// # Errors
 /// [`ExportError::Invalid`] with every property that is missing, and a matrix that is a pore.
 pub(in crate::export) fn check_materials(
-    phases: &[Phase<'_>],
+    phases: &[PhaseMaterial<'_>],
     options: &PropertyOptions,
 ) -> Result<(), ExportError> {
     kinds_of(options, &named(phases)).map(drop)
 }
 
-fn named(phases: &[Phase<'_>]) -> Vec<(String, Material)> {
+fn named(phases: &[PhaseMaterial<'_>]) -> Vec<(String, Material)> {
     phases.iter().map(|phase| (phase.name.to_owned(), *phase.material)).collect()
 }
 

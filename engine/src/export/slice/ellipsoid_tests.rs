@@ -59,7 +59,7 @@ fn written(specimen: &Specimen, grains: &Solids, options: &Value) -> (SliceRepor
     let mut bytes = Vec::new();
     let model = Model::new(specimen, grains);
     let options = read(options).unwrap();
-    let report = write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+    let report = options.write(&model, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (report, bytes)
 }
 

@@ -26,6 +26,8 @@ pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 use crate::arrays::Each as _;
 use crate::control::{Control, Phase, Progress};
 use crate::export::groups::AggregateGroups;
+use crate::export::kind::{Expected, Export, ExportEstimate, Made};
+use crate::export::mesh_check::check_slice;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::GrainKind;
@@ -244,6 +246,99 @@ pub struct Image {
     pub pixel_mm: [f64; 2],
 }
 
+impl Export for SliceOptions {
+    type Report = SliceReport;
+
+    const NAME: &'static str = "slice";
+    const FORMATS: &'static [&'static str] = &["svg", "png", "json", "geo", "msh", "inp", "vtu"];
+
+    fn from_object(object: &mut Object<'_>) -> Option<Self> {
+        Self::read(object)
+    }
+
+    fn format(&self) -> &'static str {
+        self.cut.format.name()
+    }
+
+    fn media_type(&self) -> &'static str {
+        self.cut.format.media_type()
+    }
+
+    fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
+        check(specimen, self, limits)
+    }
+
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
+        Ok(ExportEstimate::of_bytes(expected_bytes(of.specimen(), self, of.sum_mm(), of.kind())))
+    }
+
+    fn is_quick(&self) -> bool {
+        self.triangles.is_none()
+    }
+
+    fn needs_mesher(&self) -> bool {
+        self.triangles.is_some()
+    }
+
+    fn check_report(&self, _: &Made<'_>, report: &SliceReport) -> Result<(), String> {
+        check_slice(report)
+    }
+
+    /// Cuts the packing and writes what is asked for.
+    ///
+    /// # Errors
+    /// Those of [`check`], of the writer, and [`ExportError::Stopped`].
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<SliceReport, ExportError> {
+        check(model.specimen, self, limits)?;
+        go_on(control)?;
+        let SliceOptions { cut: options, triangles } = self;
+        let cut = Cut::new(model, options.axis, options.at_mm(model.specimen))?;
+        let mut report = cut.report();
+        if let Some(triangles) = triangles {
+            let meshed = mesh_of(model, &cut, triangles, limits, control)?;
+            meshed.write(options.format, model.provenance, control, out)?;
+            report.triangles = Some(meshed.report);
+            return Ok(report);
+        }
+        let progress = |done: u64, total: u64| {
+            control.report(&Progress {
+                phase: Phase::Export,
+                fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
+                done,
+                total,
+                unit: if options.format == SliceFormat::Png { "rows" } else { cut.noun() },
+                message: String::new(),
+                growth: None,
+            });
+            go_on(control)
+        };
+        let sections = cut.sections.len() as u64;
+        let mut out = BufWriter::new(out);
+        match options.format {
+            SliceFormat::Svg => svg::write(&cut, &report, &mut out)?,
+            SliceFormat::Png => {
+                let image = png::measures(&cut.outline, options.pixels.unwrap_or(DEFAULT_PIXELS));
+                report.image = Some(image);
+                png::write(&cut, &image, &mut out, &progress)?;
+            }
+            SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
+            // Those with triangles are written above.
+            SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
+                geo::write(&cut, geo::Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
+            }
+        }
+        out.flush()?;
+        progress(sections, sections)?;
+        Ok(report)
+    }
+}
+
 /// Judges options before there are grains.
 ///
 /// # Errors
@@ -313,60 +408,6 @@ pub(super) fn expected_bytes(
         GrainKind::Mixed => f64::midpoint(per_ellipse, per_polygon),
     };
     (frame + per_section * sections) as u64
-}
-
-/// Cuts the packing and writes what is asked for.
-///
-/// # Errors
-/// Those of [`check`], of the writer, and [`ExportError::Stopped`].
-pub fn write(
-    model: &Model<'_>,
-    options: &SliceOptions,
-    limits: &Limits,
-    control: &dyn Control,
-    out: &mut dyn Write,
-) -> Result<SliceReport, ExportError> {
-    check(model.specimen, options, limits)?;
-    go_on(control)?;
-    let SliceOptions { cut: options, triangles } = options;
-    let cut = Cut::new(model, options.axis, options.at_mm(model.specimen))?;
-    let mut report = cut.report();
-    if let Some(triangles) = triangles {
-        let meshed = mesh_of(model, &cut, triangles, limits, control)?;
-        meshed.write(options.format, model.provenance, control, out)?;
-        report.triangles = Some(meshed.report);
-        return Ok(report);
-    }
-    let progress = |done: u64, total: u64| {
-        control.report(&Progress {
-            phase: Phase::Export,
-            fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
-            done,
-            total,
-            unit: if options.format == SliceFormat::Png { "rows" } else { cut.noun() },
-            message: String::new(),
-            growth: None,
-        });
-        go_on(control)
-    };
-    let sections = cut.sections.len() as u64;
-    let mut out = BufWriter::new(out);
-    match options.format {
-        SliceFormat::Svg => svg::write(&cut, &report, &mut out)?,
-        SliceFormat::Png => {
-            let image = png::measures(&cut.outline, options.pixels.unwrap_or(DEFAULT_PIXELS));
-            report.image = Some(image);
-            png::write(&cut, &image, &mut out, &progress)?;
-        }
-        SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
-        // Those with triangles are written above.
-        SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
-            geo::write(&cut, geo::Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
-        }
-    }
-    out.flush()?;
-    progress(sections, sections)?;
-    Ok(report)
 }
 
 #[cfg(test)]

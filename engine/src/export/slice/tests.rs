@@ -27,7 +27,7 @@ fn written(specimen: &Specimen, spheres: &Spheres, options: &Value) -> (SliceRep
     let mut bytes = Vec::new();
     let model = Model::new(specimen, spheres);
     let options = read(options).unwrap();
-    let report = write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+    let report = options.write(&model, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (report, bytes)
 }
 

@@ -308,11 +308,6 @@ impl VoxelOptions {
         Some(Self { format, reader, cells, voxel_mm, label, fractions, samples, materials })
     }
 
-    /// Whether what is written depends on materials.
-    pub(in crate::export) fn needs_materials(&self) -> bool {
-        self.reader == Some(Reader::Fans)
-    }
-
     /// Refuses a specimen that the reader cannot compute.
     pub(super) fn check_specimen(&self, specimen: &Specimen) -> Result<(), ExportError> {
         if self.reader == Some(Reader::Fans) && matches!(specimen, Specimen::Cylinder { .. }) {

@@ -17,7 +17,7 @@ use super::numbers::Numbers;
 use super::pass::{Found, Work};
 use crate::arrays::Each as _;
 use crate::export::archive::{Archive, Content};
-use crate::export::materials::{Phase, moduli_gpa};
+use crate::export::materials::{PhaseMaterial, moduli_gpa};
 use crate::export::{ExportError, npy};
 
 /// Millimetres of a metre.
@@ -118,7 +118,7 @@ pub(super) fn write_npy(
 pub(super) fn write_fans(
     work: &Work<'_>,
     numbers: &Numbers,
-    phases: &[Phase<'_>],
+    phases: &[PhaseMaterial<'_>],
     out: &mut dyn Write,
 ) -> Result<Found, ExportError> {
     let input = fans_input(&moduli_gpa(phases)?, work.bodies.grid.size_mm);

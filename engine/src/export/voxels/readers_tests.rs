@@ -190,7 +190,7 @@ fn fans_gets_its_input_with_the_moduli_of_each_phase() {
 
     let failed = |model: &Model<'_>, options: &Value| {
         let options = read(VoxelFormat::Zip, options).unwrap();
-        write(model, &options, &Limits::default(), &Unattended, &mut Vec::new()).unwrap_err().to_string()
+        options.write(model, &Limits::default(), &Unattended, &mut Vec::new()).unwrap_err().to_string()
     };
     let missing = failed(&bare, &json!({"for": "fans"}));
     assert!(missing.starts_with("/materials: is missing") && missing.contains("\"youngs_modulus_gpa\": 25"));
@@ -212,7 +212,7 @@ fn a_phase_without_a_voxel_is_refused_where_numbers_may_have_no_gap() {
     let model = Model::new(&request.specimen, &grains).with_provenance(&provenance);
     let options =
         read(VoxelFormat::Vtk, &json!({"for": "amitex", "cells": 1, "label": "aggregate"})).unwrap();
-    let refused = write(&model, &options, &Limits::default(), &Unattended, &mut Vec::new()).unwrap_err();
+    let refused = options.write(&model, &Limits::default(), &Unattended, &mut Vec::new()).unwrap_err();
     assert!(refused.to_string().contains("has no voxel, and AMITEX reads no numbers with gaps"), "{refused}");
 }
 

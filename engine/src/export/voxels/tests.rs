@@ -33,7 +33,7 @@ pub(super) fn read(format: VoxelFormat, value: &Value) -> Result<VoxelOptions, V
 pub(super) fn written(model: &Model<'_>, format: VoxelFormat, options: &Value) -> (VoxelReport, Vec<u8>) {
     let mut bytes = Vec::new();
     let options = read(format, options).unwrap();
-    let report = write(model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+    let report = options.write(model, &Limits::default(), &Unattended, &mut bytes).unwrap();
     (report, bytes)
 }
 
@@ -529,7 +529,7 @@ fn a_run_stops_when_it_is_told_to() {
         let options = read(format, &options).unwrap();
         let limits = Limits { export_threads: threads.try_into().unwrap(), ..Limits::default() };
         let mut out = Vec::new();
-        let stopped = write(&model, &options, &limits, &control, &mut out);
+        let stopped = options.write(&model, &limits, &control, &mut out);
         assert!(matches!(stopped, Err(ExportError::Stopped)), "{stopped:?}");
     }
 }
@@ -566,8 +566,7 @@ fn progress_counts_layers_up_to_the_last() {
             growth: None,
         };
         let control = Last(Mutex::new(start));
-        write(&model, &read(format, &options).unwrap(), &Limits::default(), &control, &mut io::sink())
-            .unwrap();
+        read(format, &options).unwrap().write(&model, &Limits::default(), &control, &mut io::sink()).unwrap();
         let last = control.0.into_inner().unwrap();
         assert_eq!((last.done, last.total, last.unit), (layers, layers, "layers"));
     }

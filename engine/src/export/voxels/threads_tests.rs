@@ -92,7 +92,7 @@ fn bytes_and_reports_do_not_depend_on_the_threads() {
                 let options = read(format, &options).unwrap();
                 let written = |threads: usize| {
                     let mut bytes = Vec::new();
-                    let report = write(&model, &options, &limits(threads), &Unattended, &mut bytes).unwrap();
+                    let report = options.write(&model, &limits(threads), &Unattended, &mut bytes).unwrap();
                     (report, bytes)
                 };
                 let one = written(1);
@@ -181,11 +181,11 @@ fn an_error_of_the_writer_ends_the_work_with_that_error() {
     ] {
         let options = read(format, &options).unwrap();
         let mut all = Vec::new();
-        write(&model, &options, &limits(2), &Unattended, &mut all).unwrap();
+        options.write(&model, &limits(2), &Unattended, &mut all).unwrap();
         for threads in [1, 2, 8] {
             for left in [0, all.len() / 3, all.len() / 3 * 2, all.len() - 1] {
                 let mut out = Full { left };
-                let failed = write(&model, &options, &limits(threads), &Unattended, &mut out).unwrap_err();
+                let failed = options.write(&model, &limits(threads), &Unattended, &mut out).unwrap_err();
                 assert!(
                     matches!(&failed, ExportError::Write(error) if error.kind() == io::ErrorKind::StorageFull),
                     "{failed}"

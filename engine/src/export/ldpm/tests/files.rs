@@ -1,9 +1,9 @@
 use std::io::{Cursor, Read, Write};
 
-use super::super::{LatticeFormat, LatticeOptions, LatticeReport, write};
+use super::super::{LatticeFormat, LatticeOptions, LatticeReport};
 use super::{in_cylinder, with_clearance};
 use crate::Unattended;
-use crate::export::{ExportError, Model, Provenance};
+use crate::export::{Export as _, ExportError, Model, Provenance};
 use crate::plan::Limits;
 
 fn written(
@@ -13,7 +13,7 @@ fn written(
     let mut bytes = Vec::new();
     let options = LatticeOptions { format, ..LatticeOptions::default() };
     let report =
-        write(&Model::new(specimen, spheres), &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        options.write(&Model::new(specimen, spheres), &Limits::default(), &Unattended, &mut bytes).unwrap();
     (bytes, report)
 }
 
@@ -42,7 +42,7 @@ fn grids_say_where_they_come_from() {
     for format in [LatticeFormat::Tets, LatticeFormat::Facets, LatticeFormat::Cells] {
         let options = LatticeOptions { format, ..LatticeOptions::default() };
         let mut bytes = Vec::new();
-        write(&model, &options, &Limits::default(), &Unattended, &mut bytes).unwrap();
+        options.write(&model, &Limits::default(), &Unattended, &mut bytes).unwrap();
         let text = String::from_utf8_lossy(&bytes[..2000]).into_owned();
         let head = text.split_once("<Piece").unwrap().0;
         let (_, fields) = head.split_once("  <UnstructuredGrid>\n    <FieldData>\n").unwrap();
@@ -126,8 +126,7 @@ fn a_writer_that_fails_is_told_of() {
         for room in [0, 20_000] {
             let options = LatticeOptions { format: file, ..LatticeOptions::default() };
             let model = Model::new(&specimen, &spheres);
-            let error =
-                write(&model, &options, &Limits::default(), &Unattended, &mut Full(room)).unwrap_err();
+            let error = options.write(&model, &Limits::default(), &Unattended, &mut Full(room)).unwrap_err();
             let ExportError::Write(error) = error else { panic!("{error}") };
             assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
         }

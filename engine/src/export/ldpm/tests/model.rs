@@ -6,11 +6,11 @@ use serde_json::json;
 use super::super::checks;
 use super::super::measured::Mesh;
 use super::super::topology::Topology;
-use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check, write};
+use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
 use crate::export::steps::Steps;
-use crate::export::{ExportError, Model};
+use crate::export::{Export as _, ExportError, Model};
 use crate::geometry::delaunay::NONE;
 use crate::packing::Spheres;
 use crate::plan::Limits;
@@ -210,7 +210,7 @@ fn files_do_not_depend_on_the_threads() {
                 let export_threads = NonZeroUsize::new(threads).unwrap();
                 let limits = Limits { export_threads, ..Limits::default() };
                 let mut bytes = Vec::new();
-                let report = write(&model, &options, &limits, &Unattended, &mut bytes).unwrap();
+                let report = options.write(&model, &limits, &Unattended, &mut bytes).unwrap();
                 (report, bytes)
             });
             assert!(others.iter().all(|other| *other == first), "{file:?}");
@@ -238,7 +238,7 @@ fn progress_rises_from_0_to_1() {
         let heard = Listening::default();
         let options = LatticeOptions { format: file, ..LatticeOptions::default() };
         let model = Model::new(&specimen, &spheres);
-        write(&model, &options, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
+        options.write(&model, &Limits::default(), &heard, &mut std::io::sink()).unwrap();
         let heard = heard.0.into_inner().unwrap();
         assert!(heard.len() >= 3 && heard.is_sorted(), "{heard:?}");
         assert!(heard.iter().all(|fraction| (0.0..=1.0).contains(fraction)), "{heard:?}");

@@ -1,0 +1,288 @@
+//! What a type of export is, whatever it makes: [`Export`], implemented by the options of each type in its own module
+//! and listed in [`catalog`](super::catalog).
+
+use std::io::Write;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::materials::PhaseMaterial;
+use super::mesh::MeshEstimate;
+use super::{ExportError, Model};
+use crate::checkpoint::Resume;
+use crate::control::Control;
+use crate::plan::{ClassPlan, Limits, Plan};
+use crate::request::decode::Object;
+use crate::request::{GrainKind, Materials, PackingRequest, Specimen};
+
+/// A type of export with its options: it makes one file of a packing.
+pub trait Export: Serialize + Sized {
+    /// The figures of the export, beside its file.
+    type Report;
+
+    /// Its name in requests and addresses.
+    const NAME: &'static str;
+
+    /// Names of its file formats, the default first.
+    const FORMATS: &'static [&'static str];
+
+    /// Reads the options, `format` among them; `None` means that faults were reported.
+    fn from_object(object: &mut Object<'_>) -> Option<Self>;
+
+    /// Name of the file format.
+    fn format(&self) -> &'static str;
+
+    /// Media type of the file, without parameters.
+    fn media_type(&self) -> &'static str;
+
+    /// Ending of the name of the file.
+    fn file_extension(&self) -> &'static str {
+        self.format()
+    }
+
+    /// What the name of the file says before the options that differ from the defaults.
+    fn name_parts(&self) -> Vec<&'static str> {
+        vec![Self::NAME]
+    }
+
+    /// The option that decides, beside the type, which defaults the others have.
+    fn deciding_option(&self) -> (&'static str, &'static str) {
+        ("format", self.format())
+    }
+
+    /// Whether an option differs from its default because another one does, so that a name need not tell it.
+    fn is_implied(&self, _option: &str, _value: &Value) -> bool {
+        false
+    }
+
+    /// The programs that the option `for` may name in a format; none where the format has no such option.
+    fn programs(_format: &str) -> Vec<&'static str> {
+        Vec::new()
+    }
+
+    /// The program that `for` must name in a format, where it is written for one program alone.
+    fn needed_program(_format: &str) -> Option<&'static str> {
+        None
+    }
+
+    /// Judges what can be judged before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Invalid`], [`ExportError::Unavailable`] or [`ExportError::TooLarge`].
+    fn check(&self, _specimen: &Specimen, _limits: &Limits) -> Result<(), ExportError> {
+        Ok(())
+    }
+
+    /// Says what the export is likely to come out as.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] where it cannot be made of such a specimen.
+    fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError>;
+
+    /// Whether it takes less than a second for every packing.
+    fn is_quick(&self) -> bool {
+        false
+    }
+
+    /// Whether it needs [`Model::mesher`].
+    fn needs_mesher(&self) -> bool {
+        false
+    }
+
+    /// Whether it may take as long as a packing.
+    fn is_heavy(&self, _specimen: &Specimen) -> bool {
+        self.needs_mesher()
+    }
+
+    /// Whether it computes with materials, so that it needs some.
+    fn needs_materials(&self) -> bool {
+        false
+    }
+
+    /// The materials that its options name.
+    fn materials(&self) -> Option<&Materials> {
+        None
+    }
+
+    /// The place of its option `materials`, where the type has one.
+    fn materials_mut(&mut self) -> Option<&mut Option<Materials>> {
+        None
+    }
+
+    /// Judges the materials of the phases of a packing, where it computes with materials.
+    ///
+    /// # Errors
+    /// [`ExportError::Invalid`] with every property that is missing.
+    fn check_materials(&self, _phases: &[PhaseMaterial<'_>]) -> Result<(), ExportError> {
+        Ok(())
+    }
+
+    /// Checks the report of a file that another process made; those that the server makes itself need no check.
+    ///
+    /// # Errors
+    /// What cannot be, in one sentence.
+    fn check_report(&self, _made: &Made<'_>, _report: &Self::Report) -> Result<(), String> {
+        Ok(())
+    }
+
+    /// What a checkpoint of the export of a packing belongs to; none where it keeps no checkpoints.
+    fn checkpoint_identity(&self, _model: &Model<'_>) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    fn write(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<Self::Report, ExportError>;
+
+    /// Writes the file, going on from a checkpoint of the same export where there is one: its bytes are the same.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    fn write_or_resume(
+        &self,
+        model: &Model<'_>,
+        limits: &Limits,
+        _resume: Option<Resume>,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<Self::Report, ExportError> {
+        self.write(model, limits, control, out)
+    }
+
+    /// A second file that the program which reads the export needs beside it: the ending of its name, and its text.
+    fn companion(&self, _file_name: &str) -> Option<(&'static str, String)> {
+        None
+    }
+}
+
+/// What the report of a file that another process made is checked against.
+#[derive(Clone, Copy, Debug)]
+pub struct Made<'a> {
+    /// The specimen of the packing.
+    pub specimen: &'a Specimen,
+    /// Volume fraction of the packing.
+    pub volume_fraction: f64,
+    /// The materials that the request of the packing states.
+    pub materials: Option<&'a Materials>,
+    /// Length of the file.
+    pub bytes: u64,
+}
+
+/// What an export is likely to come out as.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ExportEstimate {
+    /// Length of the file.
+    pub bytes: u64,
+    /// The triangles of a surface mesh; absent for everything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub mesh: Option<MeshEstimate>,
+    /// Memory and time that properties take; absent for everything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(required = false))]
+    pub computation: Option<ComputationEstimate>,
+    /// What is likely to go wrong, in words.
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+impl ExportEstimate {
+    /// That of a file of which only the length is told.
+    pub(super) fn of_bytes(bytes: u64) -> Self {
+        Self { bytes, ..Self::default() }
+    }
+}
+
+/// What a computation is likely to take.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct ComputationEstimate {
+    /// Memory at most, in bytes.
+    pub memory_bytes: u64,
+    /// CPU time in s, within a factor of three.
+    pub cpu_s: f64,
+}
+
+/// The packing that an estimate is for.
+#[derive(Clone, Copy)]
+pub enum Expected<'a> {
+    /// It is there.
+    Packed(&'a Model<'a>),
+    /// It is planned.
+    Planned(&'a PackingRequest, &'a Plan),
+}
+
+impl Expected<'_> {
+    /// Its specimen.
+    pub fn specimen(&self) -> &Specimen {
+        match self {
+            Self::Packed(model) => model.specimen,
+            Self::Planned(request, _) => &request.specimen,
+        }
+    }
+
+    /// The materials that its request states.
+    pub fn materials(&self) -> Option<&Materials> {
+        match self {
+            Self::Packed(model) => model.materials,
+            Self::Planned(request, _) => request.materials.as_ref(),
+        }
+    }
+
+    /// What its grains are.
+    pub fn kind(&self) -> GrainKind {
+        match self {
+            Self::Packed(model) => model.grains.kind(),
+            Self::Planned(request, _) => request.mix.grain_kind(),
+        }
+    }
+
+    /// Number of grains.
+    pub fn grains(&self) -> f64 {
+        match self {
+            Self::Packed(model) => model.grains.len() as f64,
+            Self::Planned(_, plan) => plan.grains,
+        }
+    }
+
+    /// Smallest diameter in mm.
+    pub fn d_min_mm(&self) -> f64 {
+        match self {
+            Self::Packed(model) => model.grains.diameters_mm().fold(f64::INFINITY, f64::min),
+            Self::Planned(_, plan) => plan.classes.first().map_or(1.0, |class| class.d_min_mm),
+        }
+    }
+
+    /// Numbers of grains and their diameters in mm.
+    pub fn sizes(&self) -> Box<dyn Iterator<Item = (f64, f64)> + '_> {
+        let mean = |class: &ClassPlan| (class.d_min_mm * class.d_max_mm).sqrt();
+        match self {
+            Self::Packed(model) => Box::new(model.grains.diameters_mm().map(|d| (1.0, d))),
+            Self::Planned(_, plan) => {
+                Box::new(plan.classes.iter().map(move |class| (class.grains, mean(class))))
+            }
+        }
+    }
+
+    /// Sum of the diameters in mm.
+    pub fn sum_mm(&self) -> f64 {
+        self.sizes().map(|(grains, d_mm)| grains * d_mm).sum()
+    }
+
+    /// Whether the mix has several aggregates.
+    pub fn has_aggregates(&self) -> bool {
+        match self {
+            Self::Packed(model) => !model.grains.aggregate().is_empty(),
+            Self::Planned(request, _) => !request.mix.aggregates.is_empty(),
+        }
+    }
+}
