@@ -126,8 +126,8 @@ macro_rules! exports {
         }
 
         impl ExportRequest {
-            /// Checks the report of a file of `bytes` bytes against the specimen, the volume fraction of the packing and
-            /// the materials that its request states.
+            /// Checks the report of a file of `bytes` bytes against the specimen, the volume fraction of the packing
+            /// and the materials that its request states.
             ///
             /// # Errors
             /// What cannot be, in one sentence.
