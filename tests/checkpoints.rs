@@ -295,7 +295,7 @@ async fn a_server_that_is_asked_to_stop_keeps_a_last_checkpoint() {
     let server = Launch::new(&data_dir).args(&["--checkpoint-every-s", "3600"]).start().await;
     let client = server.client();
     let job = client.submit(&jobs::endless_growth()).await;
-    client.job_when(id_of(&job), "it to grow", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id_of(&job), "it to grow", |job| job["progress"]["step"] == "edmd").await;
     assert!(data_dir.checkpoints().is_empty());
     server.stop().await;
     assert_eq!(data_dir.checkpoints(), [format!("{}.1.checkpoint", id_of(&job))]);

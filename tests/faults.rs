@@ -343,7 +343,7 @@ async fn a_result_that_finds_no_space_is_no_fault_of_its_job() {
     let server = Launch::new(&disk.data_dir).args(&["--min-free-bytes", "0"]).start().await;
     let client = server.client();
     let job = client.post("/v1/jobs").json(&growth_with_one_attempt()).send().await.expect(201).json();
-    client.job_when(id_of(&job), "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id_of(&job), "growing", |job| job["progress"]["step"] == "edmd").await;
     disk.fill();
     let tries = || server.log().matches("the result was not written").count();
     eventually("the result to be tried four times", || tries() >= 4).await;

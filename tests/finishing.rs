@@ -18,9 +18,9 @@ fn dense_growth() -> Value {
     jobs::with(job, "/method", json!({"type": "edmd", "stop": {"stall_dt_s": 1e-300}}))
 }
 
-/// Waits until a running job reports a phase.
-async fn in_phase(client: &Client, id: &str, phase: &str) {
-    client.job_when(id, phase, |job| job["progress"]["phase"] == phase).await;
+/// Waits until a running job reports a step.
+async fn in_step(client: &Client, id: &str, step: &str) {
+    client.job_when(id, step, |job| job["progress"]["step"] == step).await;
 }
 
 /// Asks twice for the end, and waits for it.
@@ -78,7 +78,7 @@ async fn growth_ends_with_its_packing_when_it_is_asked() {
     // Some time after the start, by the clock: what is promised is about seconds.
     let begun = Instant::now();
     for (id, after_s) in ids.iter().zip([1, 3, 10]) {
-        in_phase(&client, id, "edmd").await;
+        in_step(&client, id, "edmd").await;
         tokio::time::sleep_until((begun + Duration::from_secs(after_s)).into()).await;
         let done = finish(&client, id).await;
         let partial = &done["result"]["summary"]["partial"];
@@ -112,7 +112,7 @@ async fn random_addition_ends_with_the_grains_that_are_placed() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = id_of(&client.submit(&jobs::endless()).await).to_owned();
-    in_phase(&client, &id, "rsa").await;
+    in_step(&client, &id, "rsa").await;
     let done = finish(&client, &id).await;
     let partial = &done["result"]["summary"]["partial"];
     assert_eq!(
@@ -134,8 +134,8 @@ async fn a_packing_that_is_checked_is_complete() {
     let id = id_of(&client.submit(&jobs::equal_spheres(400_000, 1)).await).to_owned();
     // A check that is over before it is told of leaves the packing as complete.
     let is_packed = |job: &Value| {
-        let phase = job["progress"]["phase"].as_str();
-        phase.is_some_and(|phase| ["check", "write"].contains(&phase)) || !job["finished_at"].is_null()
+        let step = job["progress"]["step"].as_str();
+        step.is_some_and(|step| ["check", "write"].contains(&step)) || !job["finished_at"].is_null()
     };
     client.job_when(&id, "checked", is_packed).await;
     let asked = client.post(&format!("/v1/jobs/{id}/finish")).send().await;
@@ -160,7 +160,7 @@ async fn a_worker_in_another_process_is_told_to_finish() {
     let worker =
         Running::spawn(folder.path(), &["worker", "--server", &url, "--name", "far", "--slots", "1"]);
     let id = id_of(&client.submit(&dense_growth()).await).to_owned();
-    in_phase(&client, &id, "edmd").await;
+    in_step(&client, &id, "edmd").await;
     let done = finish(&client, &id).await;
     assert_eq!(
         (&done["worker"], &done["result"]["summary"]["partial"]["reason"]),
@@ -169,7 +169,7 @@ async fn a_worker_in_another_process_is_told_to_finish() {
     // One that is full, and whose next job waits, finishes too.
     let first = id_of(&client.submit(&jobs::endless_growth()).await).to_owned();
     let behind = id_of(&client.submit(&jobs::quick(1)).await).to_owned();
-    in_phase(&client, &first, "edmd").await;
+    in_step(&client, &first, "edmd").await;
     finish(&client, &first).await;
     client.finished(&behind).await;
     worker.signal(rustix::process::Signal::TERM);
@@ -183,7 +183,7 @@ async fn what_has_nothing_to_keep_is_refused_with_words() {
     let server = Launch::new(&data_dir).workers(1).start().await;
     let client = server.client();
     let running = id_of(&client.submit(&jobs::endless_growth()).await).to_owned();
-    in_phase(&client, &running, "edmd").await;
+    in_step(&client, &running, "edmd").await;
     let queued = id_of(&client.submit(&jobs::quick(1)).await).to_owned();
     let refused = async |id: &str, words: &str| {
         let problem =

@@ -37,7 +37,7 @@ async fn progress_tells_of_the_growth_and_never_falls() {
     let id = id_of(&client.submit(&jobs::endless_growth()).await).to_owned();
     let mut stream = client.events(&id, None).await;
     let mut progress = Vec::new();
-    while progress.iter().filter(|p: &&Value| p["phase"] == "edmd").count() < 4 {
+    while progress.iter().filter(|p: &&Value| p["step"] == "edmd").count() < 4 {
         let event = stream.next().await.expect("an endless job goes on");
         if event.name == "progress" {
             progress.push(event.data);
@@ -47,7 +47,7 @@ async fn progress_tells_of_the_growth_and_never_falls() {
     client.finished(&id).await;
     let fractions: Vec<f64> = progress.iter().map(|p| p["fraction"].as_f64().unwrap()).collect();
     assert!(fractions.is_sorted(), "{fractions:?}");
-    let (growing, others): (Vec<&Value>, Vec<&Value>) = progress.iter().partition(|p| p["phase"] == "edmd");
+    let (growing, others): (Vec<&Value>, Vec<&Value>) = progress.iter().partition(|p| p["step"] == "edmd");
     assert!(others.iter().all(|p| p.get("growth").is_none()), "{others:#?}");
     let column = |field: &str| {
         let of = |p: &&Value| p["growth"][field].as_f64().unwrap_or_else(|| panic!("no {field} in {p:#}"));
@@ -117,7 +117,7 @@ async fn a_growing_job_that_would_not_end_is_cancelled() {
     let server = Server::start(&data_dir).await;
     let client = server.client();
     let id = id_of(&client.submit(&jobs::endless_growth()).await).to_owned();
-    client.job_when(&id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(&id, "growing", |job| job["progress"]["step"] == "edmd").await;
     client.post(&format!("/v1/jobs/{id}/cancel")).send().await.expect(202);
     assert_eq!(client.finished(&id).await["state"], "cancelled");
     server.stop().await;

@@ -211,7 +211,7 @@ async fn pilots_pack_the_jobs_of_a_server_and_hand_them_on() {
     let submitted = client.submit(&long).await;
     let id = id_of(&submitted);
     let first = array("--array=0").await;
-    client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id, "growing", |job| job["progress"]["step"] == "edmd").await;
     let named = client.job(id).await["worker"].clone();
     assert!(named.as_str().unwrap().contains(&format!("(Slurm job {first}_0)")), "{named}");
     // What Slurm does before the time limit.

@@ -90,7 +90,7 @@ async fn a_worker_that_is_cut_off_loses_its_job_and_goes_on_with_others() {
     let job = jobs::growth();
     let submitted = client.submit(&job).await;
     let id = id_of(&submitted);
-    let growing = client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    let growing = client.job_when(id, "growing", |job| job["progress"]["step"] == "edmd").await;
     assert_eq!(growing["worker"], "far");
     network.link(false);
     client.job_when(id, "taken back", |job| job["attempt"] == 2).await;
@@ -205,7 +205,7 @@ async fn a_late_result_is_refused_and_the_job_ends_once() {
     let submitted = client.submit(&job).await;
     let id = id_of(&submitted);
     let sleeper = worker(program(), folder.path(), &server, "sleeper");
-    client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id, "growing", |job| job["progress"]["step"] == "edmd").await;
     let server_address = server.address().to_string();
     server.kill().await;
     // It goes on while there is no server, and sleeps when it has its result.

@@ -340,7 +340,7 @@ async fn a_check_that_a_kill_ends_begins_again_and_one_that_is_cancelled_ends() 
     let checking = client.job(id).await;
     server.kill().await;
     assert_eq!(
-        (&checking["state"], &checking["progress"]["phase"], &checking["worker"], &checking["result"]),
+        (&checking["state"], &checking["progress"]["step"], &checking["worker"], &checking["result"]),
         (&json!("running"), &json!("check"), &json!("by hand"), &Value::Null),
         "{checking:#}"
     );

@@ -114,7 +114,7 @@ async fn a_worker_that_is_asked_to_stop_leaves_its_job_where_it_was() {
     let job = jobs::growth();
     let submitted = client.submit(&job).await;
     let id = id_of(&submitted);
-    client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id, "growing", |job| job["progress"]["step"] == "edmd").await;
     first.signal(Signal::TERM);
     let ended = first.ended().await;
     assert_eq!(ended.code, Some(0), "{ended:?}");
@@ -210,7 +210,7 @@ async fn a_worker_whose_time_is_limited_gets_what_it_can_end_or_hand_on() {
     let long = client.submit(&long).await;
     for attempt in 1..=2 {
         let pilot = limited("pilot", "140s");
-        let growing = |job: &Value| job["attempt"] == attempt && job["progress"]["phase"] == "edmd";
+        let growing = |job: &Value| job["attempt"] == attempt && job["progress"]["step"] == "edmd";
         client.job_when(id_of(&long), "growing", growing).await;
         pilot.signal(Signal::TERM);
         let ended = pilot.ended().await;
@@ -268,7 +268,7 @@ async fn a_server_that_dies_costs_its_workers_nothing() {
     let job = jobs::growth();
     let submitted = server.client().submit(&job).await;
     let id = id_of(&submitted).to_owned();
-    server.client().job_when(&id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    server.client().job_when(&id, "growing", |job| job["progress"]["step"] == "edmd").await;
     server.kill().await;
     let server = launch().listen(&address).start().await;
     let client = server.client();
@@ -289,7 +289,7 @@ async fn a_worker_that_slept_past_its_lease_changes_nothing() {
     let job = jobs::growth();
     let submitted = client.submit(&job).await;
     let id = id_of(&submitted);
-    client.job_when(id, "growing", |job| job["progress"]["phase"] == "edmd").await;
+    client.job_when(id, "growing", |job| job["progress"]["step"] == "edmd").await;
     sleeper.signal(Signal::STOP);
     client.job_when(id, "given to another", |job| job["attempt"] == 2).await;
     let other = worker(folder.path(), &server, "other", &[]);

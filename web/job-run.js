@@ -4,7 +4,7 @@ import { growthChart } from "./growth.js";
 import { announce } from "./shell.js";
 
 /** @type {Record<string, string>} */
-const PHASES = {
+const STEPS = {
   sampling: "Sampling diameters",
   rsa: "Random sequential addition",
   edmd: "Growing the grains",
@@ -76,7 +76,7 @@ export class RunPart {
     const counted = progress.total ? `${number(progress.done)} of ${number(progress.total)} ${progress.unit}` : "";
     text(
       this.words,
-      [PHASES[progress.phase] ?? progress.phase, counted, growth ? "" : progress.message].filter(Boolean).join(" · "),
+      [STEPS[progress.step] ?? progress.step, counted, growth ? "" : progress.message].filter(Boolean).join(" · "),
     );
     const quarter = Math.floor(4 * progress.fraction);
     if (quarter > this.quarter) {

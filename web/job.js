@@ -83,7 +83,7 @@ function again() {
 
 /** Whether the run can end with the packing that it has reached. */
 function mayFinish() {
-  const hasGrains = job.progress && job.progress.phase !== "sampling";
+  const hasGrains = job.progress && job.progress.step !== "sampling";
   return job.state === "running" && hasGrains && !job.cancel_requested && !job.finish_requested;
 }
 

@@ -115,7 +115,7 @@ fn cases() -> Vec<(&'static str, Value)> {
 struct Sample {
     cpu_s: f64,
     fraction: f64,
-    phase: String,
+    step: String,
     done: u64,
     volume_fraction: f64,
     pressure: f64,
@@ -132,7 +132,7 @@ impl Control for Recorder {
         self.samples.lock().unwrap_or_else(PoisonError::into_inner).push(Sample {
             cpu_s: cpu_s(),
             fraction: progress.fraction,
-            phase: format!("{:?}", progress.phase).to_lowercase(),
+            step: format!("{:?}", progress.step).to_lowercase(),
             done: progress.done,
             volume_fraction: growth.map_or(0.0, |grown| grown.volume_fraction),
             pressure: growth.and_then(|grown| grown.reduced_pressure).unwrap_or(0.0),
@@ -200,14 +200,14 @@ impl Run {
     }
 
     fn csv(&self) -> String {
-        let mut text = String::from("share,fraction,phase,done,volume_fraction,pressure,seconds\n");
+        let mut text = String::from("share,fraction,step,done,volume_fraction,pressure,seconds\n");
         for s in &self.samples {
             let share = s.cpu_s / self.seconds;
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
                 "{share},{},{},{},{},{},{}",
-                s.fraction, s.phase, s.done, s.volume_fraction, s.pressure, s.cpu_s
+                s.fraction, s.step, s.done, s.volume_fraction, s.pressure, s.cpu_s
             );
         }
         text

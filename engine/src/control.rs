@@ -14,7 +14,7 @@ use crate::elementary::powf;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "snake_case")]
-pub enum Phase {
+pub enum Step {
     /// Drawing the diameters.
     Sampling,
     /// Placing grains by random sequential addition.
@@ -35,12 +35,12 @@ pub enum Phase {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Progress {
     /// What the run is doing.
-    pub phase: Phase,
+    pub step: Step,
     /// Share of the whole run's work done, 0..=1, never falling within a run.
     pub fraction: f64,
-    /// Units done in this phase.
+    /// Units done in this step.
     pub done: u64,
-    /// Units in this phase.
+    /// Units in this step.
     pub total: u64,
     /// What `done` and `total` count, as `grains`.
     pub unit: &'static str,
@@ -232,8 +232,8 @@ mod tests {
     }
 
     fn at(fraction: f64) -> Progress {
-        let (phase, message) = (Phase::Export, String::new());
-        Progress { phase, fraction, done: 0, total: 0, unit: "", message, growth: None }
+        let (step, message) = (Step::Export, String::new());
+        Progress { step, fraction, done: 0, total: 0, unit: "", message, growth: None }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`] (what to expect, and
 //! whether it can fit) -> [`methods`] -> [`check`] -> [`packing`] -> [`export`]. Imports between the modules point
 //! down; `tests/layers.rs` holds their order. The engine computes, reports through [`control`], and writes to writers
-//! that it is handed; it opens no files and no connections, and reads the clock only to time its phases and to obey a
+//! that it is handed; it opens no files and no connections, and reads the clock only to time its steps and to obey a
 //! limit of time.
 //!
 //! ```
@@ -60,7 +60,7 @@ mod template_cache;
 mod threads;
 
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
-pub use control::{Control, Finish, Growth, Phase, Progress, Unattended};
+pub use control::{Control, Finish, Growth, Progress, Step, Unattended};
 pub use error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 pub use memory::OutOfMemory;
 pub use packing::{Grains, Packing, Report, Solids, Spheres};

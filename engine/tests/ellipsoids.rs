@@ -304,7 +304,7 @@ struct Draws(Mutex<u32>);
 
 impl Control for Draws {
     fn report(&self, progress: &Progress) {
-        *self.0.lock().unwrap() += u32::from(progress.phase == packstone_engine::Phase::Rsa);
+        *self.0.lock().unwrap() += u32::from(progress.step == packstone_engine::Step::Rsa);
     }
 
     fn should_stop(&self) -> bool {

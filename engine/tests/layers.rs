@@ -59,7 +59,7 @@ const WITHOUT_CIRCLES: [&str; 11] = [
 fn module_of(name: &str) -> &str {
     match name {
         "Checkpoint" | "CheckpointError" | "Resume" => "checkpoint",
-        "Control" | "Finish" | "Growth" | "Phase" | "Progress" | "Unattended" => "control",
+        "Control" | "Finish" | "Growth" | "Progress" | "Step" | "Unattended" => "control",
         "PackError" | "PlanError" => "error",
         "Grains" | "Packing" | "Report" | "Solids" | "Spheres" => "packing",
         "Plan" | "Limits" => "plan",

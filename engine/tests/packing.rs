@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::{
-    Control, GrowthEffort, Limits, PackError, PackingRequest, Phase, Progress, TargetNotReached, Unattended,
+    Control, GrowthEffort, Limits, PackError, PackingRequest, Progress, Step, TargetNotReached, Unattended,
     check, pack,
 };
 use proptest::prelude::*;
@@ -149,12 +149,12 @@ fn the_stream_behind_a_seed_is_pinned() {
     );
 }
 
-/// Stops at a phase: every loop of the engine must listen.
-struct StopIn(Phase, AtomicBool);
+/// Stops at a step: every loop of the engine must listen.
+struct StopIn(Step, AtomicBool);
 
 impl Control for StopIn {
     fn report(&self, progress: &Progress) {
-        if progress.phase == self.0 {
+        if progress.step == self.0 {
             self.1.store(true, Ordering::Relaxed);
         }
     }
@@ -164,16 +164,16 @@ impl Control for StopIn {
 }
 
 #[test]
-fn a_run_can_be_stopped_in_every_phase() {
+fn a_run_can_be_stopped_in_every_step() {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [100, 100, 100]},
         "mix": {"grading": {"type": "standard", "name": "B16"}, "d_min_mm": 1.0, "volume_fraction": 0.5},
     });
-    for phase in [Phase::Sampling, Phase::Rsa, Phase::Check] {
-        let control = StopIn(phase, AtomicBool::new(false));
+    for step in [Step::Sampling, Step::Rsa, Step::Check] {
+        let control = StopIn(step, AtomicBool::new(false));
         let ended = pack(&request(&value, 1), &Limits::default(), &control)
             .map(|packing| packing.spheres().unwrap().len());
-        assert!(matches!(ended, Err(PackError::Stopped { .. })), "{phase:?}: {ended:?}");
+        assert!(matches!(ended, Err(PackError::Stopped { .. })), "{step:?}: {ended:?}");
     }
 }
 

@@ -189,7 +189,7 @@ class Job(Resource):
 
     def _state_words(self) -> str:
         if self.state == "running" and self.progress:
-            return str(self.progress["phase"])
+            return str(self.progress["step"])
         return self.state
 
     def __str__(self) -> str:

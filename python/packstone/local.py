@@ -41,7 +41,7 @@ def pack(
     the field of the mapping: ``pack(mix_design, seed=2)``.
 
     ``progress=True`` shows a bar (of tqdm if it is installed) with the remaining time. A function is called at most
-    10 times a second with ``phase``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run. Other
+    10 times a second with ``step``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run. Other
     threads go on meanwhile. Ctrl-C ends the run at once. With the path of a `checkpoint` the run is kept there from
     time to time and when it is stopped; a later call with the same request and path continues it and makes the same
     packing. The file is removed at the end. With `threads` so many threads compute the packing at most, which does not
@@ -180,7 +180,7 @@ def _shown(
 
             def show(text: str) -> None:
                 seen = json.loads(text)
-                bar.show(seen["fraction"], note(seen["phase"], seen["eta_s"]))
+                bar.show(seen["fraction"], note(seen["step"], seen["eta_s"]))
 
             yield show
             bar.show(1.0, "done")

@@ -254,7 +254,7 @@ def test_a_run_is_ended_with_what_it_has_reached(client: packstone.Client) -> No
     job = client.submit(mixes.dense())
 
     def finish(seen: packstone.Job) -> None:
-        if seen.progress.get("phase") == "edmd" and not seen.data["finish_requested"]:
+        if seen.progress.get("step") == "edmd" and not seen.data["finish_requested"]:
             seen.finish()
 
     job.wait(60, progress=finish)

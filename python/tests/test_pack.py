@@ -251,7 +251,7 @@ def test_progress_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     packstone.pack(mixes.long(), progress=told.append)
     fractions = [seen["fraction"] for seen in told]
     assert fractions == sorted(fractions) and len(told) > 1
-    assert {"phase", "eta_s", "message"} <= told[0].keys()
+    assert {"step", "eta_s", "message"} <= told[0].keys()
     packstone.pack(mixes.quick(), progress=True)
     shown = capsys.readouterr().err
     assert "packing" in shown and "100%" in shown
@@ -262,7 +262,7 @@ def test_what_progress_raises_ends_the_run() -> None:
         pass
 
     def enough(seen: dict[str, Any]) -> None:
-        raise Enough(seen["phase"])
+        raise Enough(seen["step"])
 
     with pytest.raises(Enough):
         packstone.pack(mixes.endless(), progress=enough)
@@ -297,7 +297,7 @@ def test_other_threads_run_while_a_packing_is_made() -> None:
 
 INTERRUPTED = """
 import json, sys, packstone
-packstone.pack(json.loads(sys.argv[1]), checkpoint=sys.argv[2], progress=lambda seen: print(seen["phase"], flush=True))
+packstone.pack(json.loads(sys.argv[1]), checkpoint=sys.argv[2], progress=lambda seen: print(seen["step"], flush=True))
 """
 
 

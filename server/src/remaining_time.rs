@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use packstone_engine::{Phase, Progress};
+use packstone_engine::{Progress, Step};
 
 /// Below this fraction no remaining time is given: the prediction is too uncertain.
 const ETA_FROM_FRACTION: f64 = 0.02;
@@ -37,7 +37,7 @@ impl RemainingTime {
 
     /// Takes notice of progress, `elapsed` after the start of the run.
     pub(crate) fn follow(&mut self, progress: &Progress, elapsed: Duration) {
-        let starts_growing = matches!(progress.phase, Phase::Edmd | Phase::MonteCarlo) && !self.growing;
+        let starts_growing = matches!(progress.step, Step::Edmd | Step::MonteCarlo) && !self.growing;
         let anew = starts_growing && (self.resumed || self.fraction > ANEW_FROM_FRACTION);
         if progress.fraction > self.fraction {
             self.fraction = progress.fraction.min(1.0);
@@ -76,23 +76,23 @@ mod tests {
 
     const ELAPSED: Duration = Duration::from_secs(10);
 
-    fn progress(phase: Phase, fraction: f64) -> Progress {
-        Progress { phase, fraction, done: 1, total: 2, unit: "grains", message: String::new(), growth: None }
+    fn progress(step: Step, fraction: f64) -> Progress {
+        Progress { step, fraction, done: 1, total: 2, unit: "grains", message: String::new(), growth: None }
     }
 
-    fn after(remaining: &mut RemainingTime, phase: Phase, fraction: f64) -> (f64, Option<f64>) {
-        remaining.follow(&progress(phase, fraction), ELAPSED);
+    fn after(remaining: &mut RemainingTime, step: Step, fraction: f64) -> (f64, Option<f64>) {
+        remaining.follow(&progress(step, fraction), ELAPSED);
         (remaining.fraction(), remaining.eta_s(ELAPSED))
     }
 
     #[test]
     fn progress_never_falls_and_the_eta_waits_for_a_basis() {
         let mut remaining = RemainingTime::default();
-        assert_eq!(after(&mut remaining, Phase::Rsa, 0.01), (0.01, None));
-        assert_eq!(after(&mut remaining, Phase::Rsa, 0.5), (0.5, Some(10.0)));
-        assert_eq!(after(&mut remaining, Phase::Rsa, 0.4), (0.5, Some(10.0)));
-        assert_eq!(after(&mut remaining, Phase::Rsa, f64::NAN), (0.5, Some(10.0)));
-        assert_eq!(after(&mut remaining, Phase::Rsa, 7.0), (1.0, Some(0.0)));
+        assert_eq!(after(&mut remaining, Step::Rsa, 0.01), (0.01, None));
+        assert_eq!(after(&mut remaining, Step::Rsa, 0.5), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Step::Rsa, 0.4), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Step::Rsa, f64::NAN), (0.5, Some(10.0)));
+        assert_eq!(after(&mut remaining, Step::Rsa, 7.0), (1.0, Some(0.0)));
     }
 
     #[test]
@@ -100,20 +100,20 @@ mod tests {
         let mut remaining = RemainingTime::default();
         remaining.resumed();
         let second = |s| Duration::from_secs(s);
-        remaining.follow(&progress(Phase::Sampling, 0.0), second(1));
-        remaining.follow(&progress(Phase::Edmd, 0.6), second(2));
+        remaining.follow(&progress(Step::Sampling, 0.0), second(1));
+        remaining.follow(&progress(Step::Edmd, 0.6), second(2));
         assert_eq!((remaining.fraction(), remaining.eta_s(second(2))), (0.6, None));
-        remaining.follow(&progress(Phase::Edmd, 0.8), second(12));
+        remaining.follow(&progress(Step::Edmd, 0.8), second(12));
         assert_eq!(remaining.eta_s(second(12)), Some(10.0));
     }
 
     #[test]
     fn growth_after_a_failed_random_addition_has_a_pace_of_its_own() {
         let mut remaining = RemainingTime::default();
-        remaining.follow(&progress(Phase::Rsa, 0.9), ELAPSED);
-        remaining.follow(&progress(Phase::Edmd, 0.9), ELAPSED);
+        remaining.follow(&progress(Step::Rsa, 0.9), ELAPSED);
+        remaining.follow(&progress(Step::Edmd, 0.9), ELAPSED);
         assert_eq!(remaining.eta_s(ELAPSED), None);
-        remaining.follow(&progress(Phase::Edmd, 0.95), 3 * ELAPSED);
+        remaining.follow(&progress(Step::Edmd, 0.95), 3 * ELAPSED);
         assert_eq!(remaining.eta_s(3 * ELAPSED), Some(20.0));
     }
 
@@ -128,9 +128,9 @@ mod tests {
             predictable: false,
         };
         let mut remaining = RemainingTime::default();
-        remaining.follow(&Progress { growth: Some(growth), ..progress(Phase::Edmd, 0.4) }, ELAPSED);
+        remaining.follow(&Progress { growth: Some(growth), ..progress(Step::Edmd, 0.4) }, ELAPSED);
         assert_eq!((remaining.fraction(), remaining.eta_s(ELAPSED)), (0.4, None));
-        remaining.follow(&progress(Phase::Edmd, 0.5), ELAPSED);
+        remaining.follow(&progress(Step::Edmd, 0.5), ELAPSED);
         assert_eq!(remaining.eta_s(ELAPSED), Some(10.0));
     }
 }

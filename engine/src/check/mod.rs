@@ -53,7 +53,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::memory::OutOfMemory;
 use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef};
 use crate::request::PackingRequest;
@@ -369,7 +369,7 @@ impl Inspection {
 
 fn report(control: &dyn Control, done: usize, total: usize) {
     control.report(&Progress {
-        phase: Phase::Check,
+        step: Step::Check,
         fraction: done as f64 / total.max(1) as f64,
         done: done as u64,
         total: total as u64,

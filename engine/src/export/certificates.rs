@@ -15,7 +15,7 @@ use super::kind::{Expected, Export, ExportEstimate};
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::check::{self, Fault, SeparationCertificate};
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::distance::DistanceRule;
 use crate::plan::Limits;
 use crate::request::decode::{Bound, Object};
@@ -197,7 +197,7 @@ fn cells(certificate: &SeparationCertificate) -> [Cell; 10] {
 
 fn report(control: &dyn Control, done: usize, total: usize) {
     control.report(&Progress {
-        phase: Phase::Export,
+        step: Step::Export,
         fraction: if total > 0 { done as f64 / total as f64 } else { 0.0 },
         done: done as u64,
         total: total as u64,

@@ -7,7 +7,7 @@ use std::io::{self, Read, Write};
 
 use super::solid::SolidMesh;
 use super::solid::msh::{self, Bodies, MshError};
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::export::{ExportError, Model};
 
 /// An installed program that fills surfaces with tetrahedra and planes with triangles: Gmsh.
@@ -93,7 +93,7 @@ pub(super) fn read(
     control: &dyn Control,
 ) -> Result<SolidMesh, ExportError> {
     control.report(&Progress {
-        phase: Phase::Export,
+        step: Step::Export,
         fraction: 0.0,
         done: 0,
         total: 0,

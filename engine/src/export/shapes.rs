@@ -11,7 +11,7 @@ use super::kind::{Expected, Export, ExportEstimate};
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::analysis::shapes::{Figures, Measured};
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::packing::GrainsRef;
 use crate::plan::Limits;
 use crate::request::decode::Object;
@@ -105,7 +105,7 @@ impl Export for ShapeTableOptions {
             if grain.is_multiple_of(ROWS_PER_LOOK) {
                 go_on(control)?;
                 control.report(&Progress {
-                    phase: Phase::Export,
+                    step: Step::Export,
                     fraction: grain as f64 / grains as f64,
                     done: grain as u64,
                     total: grains as u64,

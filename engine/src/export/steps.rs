@@ -1,6 +1,6 @@
 //! Progress of an export that counts its steps.
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 
 /// Pieces of work, each a fraction of a millisecond, between two reports.
 pub(super) const PIECES_PER_REPORT: usize = 16;
@@ -20,7 +20,7 @@ impl Steps<'_> {
     pub(super) fn report(&self, done: usize) {
         let fraction = if self.total == 0 { 1.0 } else { done as f64 / self.total as f64 };
         self.control.report(&Progress {
-            phase: Phase::Export,
+            step: Step::Export,
             fraction: fraction.min(1.0),
             done: done as u64,
             total: self.total as u64,

@@ -40,7 +40,7 @@ use self::measure::{Measured, Pairs, measure};
 use self::solve::{Field, Goal, Solver, zeros};
 use self::stencil::Load;
 use self::transform::Transform;
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::elementary::ln;
 use crate::memory::OutOfMemory;
 
@@ -335,7 +335,7 @@ impl<M> Cases<'_, M> {
 
     fn report(&self, done: usize, total: usize, of_case: f64) {
         self.control.report(&Progress {
-            phase: Phase::Export,
+            step: Step::Export,
             fraction: ((done as f64 + of_case) / total as f64).clamp(0.0, 1.0),
             done: done as u64,
             total: total as u64,

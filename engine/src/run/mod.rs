@@ -27,7 +27,7 @@ use std::time::Instant;
 use crate::analysis::{separation, shape_report};
 use crate::check::{self, Check, Extent, Scope};
 use crate::checkpoint::Resume;
-use crate::control::{Control, Finish, Part, Phase, Progress};
+use crate::control::{Control, Finish, Part, Progress, Step};
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::memory::{self, OutOfMemory};
@@ -217,7 +217,7 @@ struct Drawn {
 impl Drawn {
     fn new(request: &PackingRequest, control: &dyn Control) -> Result<Self, PackError> {
         control.report(&Progress {
-            phase: Phase::Sampling,
+            step: Step::Sampling,
             fraction: 0.0,
             done: 0,
             total: 0,
@@ -481,7 +481,7 @@ fn judged(grains: &Grains, of: &Finishing<'_>, control: &dyn Control) -> Result<
         fault => PackError::CheckFailed(fault.to_string()),
     })?;
     control.report(&Progress {
-        phase: Phase::Check,
+        step: Step::Check,
         fraction: 1.0,
         done: number,
         total: number,

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use super::{checked_as, pack, pack_or_resume, verify};
 use crate::check::{self, Scope, SieveSizes};
 use crate::checkpoint::{Checkpoint, Resume};
-use crate::control::{Control, Finish, Phase, Progress, Unattended};
+use crate::control::{Control, Finish, Progress, Step, Unattended};
 use crate::error::PackError;
 use crate::packing::{Grains, GrainsRef, GrowthEnd, Packing, PartialReason, Solids};
 use crate::plan::Limits;
@@ -305,23 +305,23 @@ fn the_largest_distance_that_sizes_do_not_reach_leaves_them_smaller() {
     assert!(whole.partial.is_none() && whole.distance_mm.unwrap() > 0.0);
 }
 
-/// Finishes in a phase, once so many reports were made in it; with an order for a last checkpoint.
+/// Finishes in a step, once so many reports were made in it; with an order for a last checkpoint.
 struct Finishing {
-    phase: Phase,
+    step: Step,
     after: u32,
     reports: AtomicU32,
     kept: Mutex<Vec<u8>>,
 }
 
 impl Finishing {
-    fn new(phase: Phase, after: u32) -> Self {
-        Self { phase, after, reports: AtomicU32::new(0), kept: Mutex::default() }
+    fn new(step: Step, after: u32) -> Self {
+        Self { step, after, reports: AtomicU32::new(0), kept: Mutex::default() }
     }
 }
 
 impl Control for Finishing {
     fn report(&self, progress: &Progress) {
-        self.reports.fetch_add(u32::from(progress.phase == self.phase), Ordering::Relaxed);
+        self.reports.fetch_add(u32::from(progress.step == self.step), Ordering::Relaxed);
     }
     fn should_stop(&self) -> bool {
         false
@@ -347,20 +347,20 @@ fn a_run_that_is_to_finish_ends_with_what_it_has_whatever_its_limits_say() {
     let grown = json!({"distance": gap, "method": {"type": "edmd"}});
     let shaken = json!({"distance": gap, "method": {"type": "monte_carlo"}});
     let placed = json!({"distance": gap, "method": {"type": "rsa"}});
-    for (size, mix, more, phase, after) in [
+    for (size, mix, more, step, after) in [
         // Many grains, for random addition reports each few thousand draws.
-        (60.0, fuller(0.56), &grown, Phase::Rsa, 1),
-        (24.0, fuller(0.58), &grown, Phase::Edmd, 2),
-        (60.0, fuller(0.56), &placed, Phase::Rsa, 3),
-        (14.0, shaped(0.55, &ellipsoid), &shaken, Phase::MonteCarlo, 2),
-        (20.0, shaped(0.55, &ellipsoid), &placed, Phase::Rsa, 2),
+        (60.0, fuller(0.56), &grown, Step::Rsa, 1),
+        (24.0, fuller(0.58), &grown, Step::Edmd, 2),
+        (60.0, fuller(0.56), &placed, Step::Rsa, 3),
+        (14.0, shaped(0.55, &ellipsoid), &shaken, Step::MonteCarlo, 2),
+        (20.0, shaped(0.55, &ellipsoid), &placed, Step::Rsa, 2),
     ] {
         let request = request(&walls(size), &mix, more);
-        let control = Finishing::new(phase, after);
+        let control = Finishing::new(step, after);
         let packing = pack(&request, &Limits::default(), &control).unwrap();
         let partial = packing.report.summary.partial.unwrap();
-        assert_eq!(partial.reason, PartialReason::Finished, "{phase:?}");
-        assert_eq!(partial.grains_placed < partial.grains_requested, phase == Phase::Rsa, "{partial:?}");
+        assert_eq!(partial.reason, PartialReason::Finished, "{step:?}");
+        assert_eq!(partial.grains_placed < partial.grains_requested, step == Step::Rsa, "{partial:?}");
         verify(
             &request,
             &packing.report,
@@ -383,11 +383,11 @@ fn a_run_that_is_to_finish_ends_with_what_it_has_whatever_its_limits_say() {
             )
             .unwrap();
         }
-        assert_eq!(control.kept.lock().unwrap().is_empty(), phase == Phase::Rsa, "{phase:?}");
+        assert_eq!(control.kept.lock().unwrap().is_empty(), step == Step::Rsa, "{step:?}");
     }
     // During the check the packing is there as a whole.
     let request = request(&walls(14.0), &fuller(0.4), &grown);
-    let packing = pack(&request, &Limits::default(), &Finishing::new(Phase::Check, 1)).unwrap();
+    let packing = pack(&request, &Limits::default(), &Finishing::new(Step::Check, 1)).unwrap();
     assert!(packing.report.summary.partial.is_none());
 }
 
@@ -397,7 +397,7 @@ fn a_partial_packing_is_gone_on_with_when_limits_are_raised() {
         let method = json!({"type": "edmd", "stop": {"events": events}});
         request(&walls(20.0), &fuller(0.58), &json!({"method": method, "on_limit": on_limit}))
     };
-    let control = Finishing::new(Phase::Check, u32::MAX);
+    let control = Finishing::new(Step::Check, u32::MAX);
     let short = pack(&keeps(2000, "keep"), &Limits::default(), &control).unwrap();
     assert_eq!(short.report.summary.partial.unwrap().reason, PartialReason::EventLimit);
     let bytes = control.kept.into_inner().unwrap();

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use packstone_engine::packing::GrowthEnd;
 use packstone_engine::request::{Boundary, Specimen};
 use packstone_engine::{
-    Checkpoint, Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Phase,
-    Progress, Resume, TargetNotReached, TemplateCache, Unattended, pack, pack_or_resume,
+    Checkpoint, Control, GrowthEffort, GrowthStopped, Limits, PackError, Packing, PackingRequest, Progress,
+    Resume, Step, TargetNotReached, TemplateCache, Unattended, pack, pack_or_resume,
 };
 use serde_json::{Value, json};
 
@@ -181,15 +181,15 @@ fn the_largest_distance_comes_with_the_way_to_it() {
     assert!((0.0..1e-3).contains(&slack), "the distance is kept, and some pair keeps no more: {slack}");
 }
 
-/// Stops after so many reports of one phase.
+/// Stops after so many reports of one step.
 struct StopAfter {
-    phase: Phase,
+    step: Step,
     reports: AtomicU32,
 }
 
 impl Control for StopAfter {
     fn report(&self, progress: &Progress) {
-        if progress.phase == self.phase {
+        if progress.step == self.step {
             let left = self.reports.load(Ordering::Relaxed);
             self.reports.store(left.saturating_sub(1), Ordering::Relaxed);
         }
@@ -202,10 +202,10 @@ impl Control for StopAfter {
 #[test]
 fn growth_can_be_stopped_at_any_report() {
     for (distance, fraction) in [(none(), 0.58), (maximize(), 0.3)] {
-        for (phase, reports) in [(Phase::Rsa, 1), (Phase::Edmd, 1), (Phase::Edmd, 2), (Phase::Edmd, 20)] {
-            let control = StopAfter { phase, reports: AtomicU32::new(reports) };
+        for (step, reports) in [(Step::Rsa, 1), (Step::Edmd, 1), (Step::Edmd, 2), (Step::Edmd, 20)] {
+            let control = StopAfter { step, reports: AtomicU32::new(reports) };
             let ended = pack(&spheres(fraction, &distance, &json!({})), &Limits::default(), &control);
-            assert!(matches!(ended, Err(PackError::Stopped { .. })), "{phase:?} {reports}: {ended:?}");
+            assert!(matches!(ended, Err(PackError::Stopped { .. })), "{step:?} {reports}: {ended:?}");
         }
     }
 }
@@ -232,7 +232,7 @@ fn reports(request: &PackingRequest) -> Vec<Progress> {
 fn assert_rising(reports: &[Progress]) {
     for two in reports.windows(2) {
         assert!(two[0].fraction <= two[1].fraction, "{:?} after {:?}", two[1], two[0]);
-        assert!(two[0].phase as u32 <= two[1].phase as u32, "{:?} after {:?}", two[1], two[0]);
+        assert!(two[0].step as u32 <= two[1].step as u32, "{:?} after {:?}", two[1], two[0]);
     }
     assert!(reports.iter().all(|progress| (0.0..=1.0).contains(&progress.fraction)));
     assert_eq!(reports.last().unwrap().fraction, 1.0);
@@ -242,7 +242,7 @@ fn assert_rising(reports: &[Progress]) {
 fn growth_reports_how_far_it_is() {
     let reports = reports(&spheres(0.56, &none(), &json!({})));
     assert_rising(&reports);
-    let growing: Vec<_> = reports.iter().filter(|progress| progress.phase == Phase::Edmd).collect();
+    let growing: Vec<_> = reports.iter().filter(|progress| progress.step == Step::Edmd).collect();
     assert!(growing.len() > 10);
     let grown: Vec<_> = growing.iter().map(|progress| progress.growth.unwrap()).collect();
     assert!(
@@ -278,10 +278,7 @@ fn progress_does_not_fall_when_growth_takes_over() {
         "mix": {"grading": {"type": "monodisperse", "diameter_mm": 4}, "volume_fraction": 0.27},
     });
     let reports = reports(&PackingRequest::from_json(&value, 1).unwrap());
-    let furthest = |phase| reports.iter().filter(|p| p.phase == phase).map(|p| p.fraction).reduce(f64::max);
-    assert!(
-        furthest(Phase::Rsa) > Some(0.1) && furthest(Phase::Edmd).is_some(),
-        "both have something to say"
-    );
+    let furthest = |step| reports.iter().filter(|p| p.step == step).map(|p| p.fraction).reduce(f64::max);
+    assert!(furthest(Step::Rsa) > Some(0.1) && furthest(Step::Edmd).is_some(), "both have something to say");
     assert_rising(&reports);
 }

@@ -141,7 +141,7 @@ async fn follow(client: &Client, events: &str) -> Result<Value, Failure> {
                 Some("progress") => {
                     bar.set_position((data["fraction"].as_f64().unwrap_or(0.0) * STEPS) as u64);
                     bar.set_message(
-                        format!("{}: {} {}", data["phase"], data["done"], data["unit"]).replace('"', ""),
+                        format!("{}: {} {}", data["step"], data["done"], data["unit"]).replace('"', ""),
                     );
                 }
                 Some("end") => {

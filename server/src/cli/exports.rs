@@ -388,7 +388,7 @@ mod tests {
     #[test]
     fn progress_without_words_counts() {
         let message = |message: &str| Progress {
-            phase: packstone_engine::Phase::Export,
+            step: packstone_engine::Step::Export,
             fraction: 0.5,
             done: 3,
             total: 6,

@@ -4,7 +4,7 @@ use std::process::ExitStatus;
 use std::time::Instant;
 
 use packstone_engine::export::ExportError;
-use packstone_engine::{Control, Phase, Progress};
+use packstone_engine::{Control, Progress, Step};
 
 use super::find::Program;
 use super::folder::Folder;
@@ -59,7 +59,7 @@ pub(super) fn run(
             reported = Some(now);
             let (seconds, (step, fraction)) = now;
             control.report(&Progress {
-                phase: Phase::Export,
+                step: Step::Export,
                 fraction,
                 done: seconds,
                 total: 0,

@@ -85,10 +85,10 @@ pub(crate) struct JobProgress {
     #[cfg_attr(test, schema(minimum = 0, maximum = 1))]
     pub(crate) fraction: f64,
     /// What the run is doing.
-    pub(crate) phase: packstone_engine::Phase,
-    /// Units done in this phase.
+    pub(crate) step: packstone_engine::Step,
+    /// Units done in this step.
     pub(crate) done: u64,
-    /// Units in this phase.
+    /// Units in this step.
     pub(crate) total: u64,
     /// What `done` and `total` count.
     pub(crate) unit: String,
@@ -97,7 +97,7 @@ pub(crate) struct JobProgress {
     /// Seconds that the rest is likely to take, as of `updated_at`; `null` while nothing can be said.
     #[cfg_attr(test, schema(required))]
     pub(crate) eta_s: Option<f64>,
-    /// How far the grains have grown; absent in other phases than `edmd`.
+    /// How far the grains have grown; absent in other steps than `edmd`.
     #[cfg_attr(test, schema(required = false))]
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) growth: Option<packstone_engine::Growth>,
@@ -177,11 +177,11 @@ impl JobRecord {
 
     /// Why there is no packing that the run could end with; `None` where there is one, or may be one.
     pub(crate) fn reached_nothing(&self) -> Option<&'static str> {
-        let phase = self.progress.as_ref().and_then(|progress| progress["phase"].as_str());
+        let step = self.progress.as_ref().and_then(|progress| progress["step"].as_str());
         match self.state {
             State::Queued => Some("it waits and has no grains yet: cancel it, or ask again when it runs"),
             State::Running if self.cancel_requested => Some("it is being cancelled"),
-            State::Running if phase == Some("sampling") => {
+            State::Running if step == Some("sampling") => {
                 Some("it draws its grains and has placed none yet: ask again in a moment")
             }
             State::Running => None,

@@ -464,7 +464,7 @@ mod tests {
         };
         let progress = JobProgress {
             fraction: 1.0,
-            phase: packstone_engine::Phase::Write,
+            step: packstone_engine::Step::Write,
             done: 1,
             total: 1,
             unit: "grains".into(),

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use packstone_engine::request::OnLimit;
-use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Progress, Step};
 
 use crate::checkpoints::{self, Schedule};
 use crate::config::DEFAULT_CHECKPOINT_EVERY_S;
@@ -25,7 +25,7 @@ pub struct Run {
     stop: AtomicBool,
     /// The run is to end with what it has reached.
     finish: AtomicBool,
-    /// The run is in a phase that keeps checkpoints, and has a file for them.
+    /// The run is in a step that keeps checkpoints, and has a file for them.
     keeps: AtomicBool,
     /// A last checkpoint was written, or could not be.
     kept_last: AtomicBool,
@@ -99,7 +99,7 @@ impl Run {
         let elapsed = state.started.elapsed();
         let progress = JobProgress {
             fraction: state.remaining.fraction(),
-            phase: progress.phase,
+            step: progress.step,
             done: progress.done,
             total: progress.total,
             unit: progress.unit.to_owned(),
@@ -165,7 +165,7 @@ impl Control for Run {
         let mut state = self.lock();
         let elapsed = state.started.elapsed();
         state.remaining.follow(progress, elapsed);
-        let grows = matches!(progress.phase, Phase::Edmd | Phase::MonteCarlo);
+        let grows = matches!(progress.step, Step::Edmd | Step::MonteCarlo);
         self.keeps.store(grows && state.checkpoint.is_some(), Ordering::Release);
         state.latest = Some(progress.clone());
     }

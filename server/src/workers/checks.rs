@@ -328,7 +328,7 @@ impl Checks {
 /// Progress of a job whose end was received and is to be checked.
 pub(crate) fn checking(grains: u64) -> JobProgress {
     JobProgress {
-        phase: packstone_engine::Phase::Check,
+        step: packstone_engine::Step::Check,
         done: 0,
         message: "the server checks what the worker has sent".into(),
         eta_s: None,

@@ -6,7 +6,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Progress, Step};
 
 use crate::checkpoints::CheckpointWriter;
 use crate::jobs::StopRequests;
@@ -35,7 +35,7 @@ pub(crate) struct RunControl {
     latest: Mutex<Option<Progress>>,
     checkpoints: Option<CheckpointWriter>,
     resumed: AtomicBool,
-    /// The run is in a phase that keeps checkpoints.
+    /// The run is in a step that keeps checkpoints.
     growing: AtomicBool,
     /// Share of the work done, as the bits of a float.
     fraction: AtomicU64,
@@ -101,7 +101,7 @@ impl RunControl {
     }
 
     /// Asks for a last checkpoint, after which the run stops as for [`Stop::Shutdown`]. Returns `false` where the run
-    /// is in no phase that keeps one.
+    /// is in no step that keeps one.
     pub(crate) fn stop_after_checkpoint(&self) -> bool {
         let keeps = self.checkpoints.is_some() && self.growing.load(Ordering::Acquire);
         self.last_checkpoint.store(keeps, Ordering::Release);
@@ -132,7 +132,7 @@ impl RunControl {
 impl Control for RunControl {
     fn report(&self, progress: &Progress) {
         self.fraction.store(progress.fraction.to_bits(), Ordering::Release);
-        self.growing.store(matches!(progress.phase, Phase::Edmd | Phase::MonteCarlo), Ordering::Release);
+        self.growing.store(matches!(progress.step, Step::Edmd | Step::MonteCarlo), Ordering::Release);
         *self.latest.lock().unwrap_or_else(PoisonError::into_inner) = Some(progress.clone());
     }
 

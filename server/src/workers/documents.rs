@@ -441,7 +441,7 @@ mod tests {
         assert_eq!(faults[0].pointer, "/renewals/0/attempt");
         let progress = |member: &str, value: Value| {
             let mut progress = json!({
-                "fraction": 0.5, "phase": "edmd", "done": 1, "total": 2, "unit": "events", "message": "",
+                "fraction": 0.5, "step": "edmd", "done": 1, "total": 2, "unit": "events", "message": "",
                 "eta_s": null,
             });
             progress[member] = value;

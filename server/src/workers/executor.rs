@@ -234,7 +234,7 @@ fn as_recorded(progress: &Progress, remaining: &mut RemainingTime, elapsed: Dura
     remaining.follow(progress, elapsed);
     JobProgress {
         fraction: remaining.fraction(),
-        phase: progress.phase,
+        step: progress.step,
         done: progress.done,
         total: progress.total,
         unit: progress.unit.into(),

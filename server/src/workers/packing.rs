@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use packstone_engine::export::ExportRequest;
 use packstone_engine::export::tables::{EngineInfo, Head};
-use packstone_engine::{Control as _, Grains, Limits, PackError, Phase, Progress, TemplateCache};
+use packstone_engine::{Control as _, Grains, Limits, PackError, Progress, Step, TemplateCache};
 use tokio::time::timeout;
 
 use super::control::RunControl;
@@ -145,7 +145,7 @@ impl TaskKind for Packings {
         let facts = Facts::of_packing(&packed.report);
         let grains = packed.grains.len() as u64;
         control.report(&Progress {
-            phase: Phase::Write,
+            step: Step::Write,
             fraction: 1.0,
             done: 0,
             total: grains,
@@ -276,7 +276,7 @@ pub(crate) async fn share_last(checkpoints: &Checkpoints, id: String, attempt: i
 pub(crate) fn complete(grains: u64) -> JobProgress {
     JobProgress {
         fraction: 1.0,
-        phase: Phase::Write,
+        step: Step::Write,
         done: grains,
         total: grains,
         unit: "grains".into(),

@@ -24,7 +24,7 @@ pub use contacts::{ContactFigures, GapFigures};
 pub use order::BondOrder;
 pub use walls::{WallFigures, WallLayer};
 
-use crate::control::{Control, Part, Phase, Progress};
+use crate::control::{Control, Part, Progress, Step};
 use crate::memory::OutOfMemory;
 use crate::packing::{GrainsRef, Spheres};
 use crate::request::{GrainKind, Specimen};
@@ -180,7 +180,7 @@ impl Counter<'_> {
 
     fn report(&self, done: usize) {
         self.control.report(&Progress {
-            phase: Phase::Export,
+            step: Step::Export,
             fraction: done as f64 / self.total.max(1) as f64,
             done: done as u64,
             total: self.total as u64,

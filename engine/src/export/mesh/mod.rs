@@ -41,7 +41,7 @@ use std::io::Write;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::control::{Control, Phase, Progress, Unattended};
+use crate::control::{Control, Progress, Step, Unattended};
 use crate::distance::DistanceRule;
 use crate::export::kind::{Expected, Export, ExportEstimate, Made};
 use crate::export::mesh_check::check_mesh;
@@ -452,7 +452,7 @@ impl SurfaceReport {
 
 fn report_progress(control: &dyn Control, done: usize, total: usize) {
     control.report(&Progress {
-        phase: Phase::Export,
+        step: Step::Export,
         fraction: 0.8 * done as f64 / total.max(1) as f64,
         done: done as u64,
         total: total as u64,

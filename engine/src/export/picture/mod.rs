@@ -22,7 +22,7 @@ use std::num::NonZeroUsize;
 
 use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, PixelDimensions, Unit};
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::export::{ExportError, Model, go_on};
 use crate::grain::PlacedGrains;
 use scene::{Scene, View};
@@ -66,7 +66,7 @@ pub fn write(
         let fraction = done as f64 / total as f64;
         let message = String::new();
         let progress =
-            Progress { phase: Phase::Export, fraction, done, total, unit: "rows", message, growth: None };
+            Progress { step: Step::Export, fraction, done, total, unit: "rows", message, growth: None };
         control.report(&progress);
         go_on(control)
     };

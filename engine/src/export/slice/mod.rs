@@ -24,7 +24,7 @@ pub(super) use triangles::mesh_of;
 pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 
 use crate::arrays::Each as _;
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::export::groups::AggregateGroups;
 use crate::export::kind::{Expected, Export, ExportEstimate, Made};
 use crate::export::mesh_check::check_slice;
@@ -308,7 +308,7 @@ impl Export for SliceOptions {
         }
         let progress = |done: u64, total: u64| {
             control.report(&Progress {
-                phase: Phase::Export,
+                step: Step::Export,
                 fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
                 done,
                 total,

@@ -557,7 +557,7 @@ fn progress_counts_layers_up_to_the_last() {
         (VoxelFormat::Inp, json!({"cells": 26}), 27 + 6 * 26),
     ] {
         let start = Progress {
-            phase: crate::control::Phase::Export,
+            step: crate::control::Step::Export,
             fraction: 0.0,
             done: 0,
             total: 0,

@@ -26,7 +26,7 @@ mod tests;
 
 use thiserror::Error;
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::memory::OutOfMemory;
 
 pub use predicates::{inside_circumsphere, orientation};
@@ -146,7 +146,7 @@ fn go_on(control: &dyn Control) -> Result<(), DelaunayError> {
 /// Tells how many points are in, and the share of the time that is spent.
 fn report(control: &dyn Control, fraction: f64, done: usize, total: usize) {
     control.report(&Progress {
-        phase: Phase::Export,
+        step: Step::Export,
         fraction,
         done: done as u64,
         total: total as u64,

@@ -299,7 +299,7 @@ fn it_stops_and_tells_how_far_it_is() {
     struct Watch(std::sync::Mutex<Vec<f64>>, usize);
     impl Control for Watch {
         fn report(&self, progress: &Progress) {
-            assert_eq!(progress.phase, Phase::Export);
+            assert_eq!(progress.step, Step::Export);
             self.0.lock().unwrap().push(progress.fraction);
         }
         fn should_stop(&self) -> bool {

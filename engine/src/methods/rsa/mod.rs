@@ -23,7 +23,7 @@ use std::num::NonZeroUsize;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::elementary::{cbrt, ln_1p};
@@ -447,7 +447,7 @@ impl Run<'_> {
     fn report(&self) {
         let (done, total) = (self.placed.len() as u64, self.rsa.diameters_mm.len() as u64);
         self.control.report(&Progress {
-            phase: Phase::Rsa,
+            step: Step::Rsa,
             fraction: done as f64 / total as f64,
             done,
             total,

@@ -29,7 +29,7 @@ use nalgebra::UnitQuaternion;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::arrays;
-use crate::control::{Control, Phase, Progress};
+use crate::control::{Control, Progress, Step};
 use crate::distance::DistanceRule;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
@@ -445,7 +445,7 @@ impl<S: ConvexShape> Run<'_, S> {
         let present = self.inserted.len().min(self.rsa.shapes.len().saturating_sub(1));
         let present_mm = if total == 0 { 0.0 } else { self.shape(present).equivalent_diameter_mm() };
         self.control.report(&Progress {
-            phase: Phase::Rsa,
+            step: Step::Rsa,
             fraction: done as f64 / total.max(1) as f64,
             done,
             total,

@@ -302,7 +302,7 @@ fn a_stop_is_obeyed_and_progress_reported() {
     struct Stops(AtomicU64);
     impl Control for Stops {
         fn report(&self, progress: &Progress) {
-            assert_eq!((progress.phase, progress.unit), (Phase::Rsa, "grains"));
+            assert_eq!((progress.step, progress.unit), (Step::Rsa, "grains"));
             assert!((0.0..=1.0).contains(&progress.fraction));
             self.0.fetch_add(1, Ordering::Relaxed);
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use packstone_engine::{Checkpoint, Control, Finish, Phase, Progress};
+use packstone_engine::{Checkpoint, Control, Finish, Progress, Step};
 
 use super::super::bar::Bar;
 use super::super::exit::Failure;
@@ -101,24 +101,24 @@ impl Control for Watch {
 
 /// One line about where the run stands.
 fn message(progress: &Progress, eta_s: Option<f64>) -> String {
-    let phase = match progress.phase {
-        Phase::Sampling => "sampling",
-        Phase::Rsa => "rsa",
-        Phase::Edmd => "edmd",
-        Phase::MonteCarlo => "monte_carlo",
-        Phase::Check => "check",
-        Phase::Export => "export",
-        Phase::Write => "write",
+    let step = match progress.step {
+        Step::Sampling => "sampling",
+        Step::Rsa => "rsa",
+        Step::Edmd => "edmd",
+        Step::MonteCarlo => "monte_carlo",
+        Step::Check => "check",
+        Step::Export => "export",
+        Step::Write => "write",
     };
     let line = match &progress.growth {
         Some(growth) => {
             let distance = growth.distance_mm.map(|mm| format!(", distance {mm:.3} mm")).unwrap_or_default();
             format!(
-                "{phase}: volume fraction {:.4}{distance}, {:.2e} events/s",
+                "{step}: volume fraction {:.4}{distance}, {:.2e} events/s",
                 growth.volume_fraction, growth.events_per_s
             )
         }
-        None => format!("{phase}: {}/{} {}", progress.done, progress.total, progress.unit),
+        None => format!("{step}: {}/{} {}", progress.done, progress.total, progress.unit),
     };
     let left = eta_s.map(|s| format!(", {s:.0} s left")).unwrap_or_default();
     line + &left
@@ -131,9 +131,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_tells_what_the_phase_is_about() {
+    fn the_line_tells_what_the_step_is_about() {
         let mut progress = Progress {
-            phase: Phase::Rsa,
+            step: Step::Rsa,
             fraction: 0.5,
             done: 3,
             total: 7,
@@ -142,7 +142,7 @@ mod tests {
             growth: None,
         };
         assert_eq!(message(&progress, None), "rsa: 3/7 grains");
-        progress.phase = Phase::Edmd;
+        progress.step = Step::Edmd;
         progress.growth = Some(Growth {
             volume_fraction: 0.66123,
             distance_mm: Some(0.93),

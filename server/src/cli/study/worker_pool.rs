@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use packstone_engine::export::tables::{self, EngineInfo, Format, Head};
 use packstone_engine::export::{ExportError, ExportReport, Model, Provenance};
 use packstone_engine::{
-    Checkpoint, Control, Finish, Grains, Limits, PackError, Phase, Progress, TemplateCache,
+    Checkpoint, Control, Finish, Grains, Limits, PackError, Progress, Step, TemplateCache,
 };
 use sha2::{Digest as _, Sha256};
 
@@ -302,7 +302,7 @@ impl WorkerPool<'_> {
             keeps: !job.on_limit.is_fail(),
             timed_out: AtomicBool::new(false),
             writer: self.checkpoints.writer(&id, attempt),
-            phase: AtomicU8::new(BEFORE_GROWTH),
+            step: AtomicU8::new(BEFORE_GROWTH),
             kept_last: AtomicBool::new(false),
         };
         let packed = catch_unwind(AssertUnwindSafe(|| {
@@ -454,7 +454,7 @@ struct Watch<'a> {
     timed_out: AtomicBool,
     writer: CheckpointWriter,
     /// The last one that was reported.
-    phase: AtomicU8,
+    step: AtomicU8,
     /// A checkpoint has been kept since the pool was stopped.
     kept_last: AtomicBool,
 }
@@ -470,18 +470,18 @@ impl Watch<'_> {
 
 impl Control for Watch<'_> {
     fn report(&self, progress: &Progress) {
-        let phase = match progress.phase {
-            Phase::Sampling | Phase::Rsa => BEFORE_GROWTH,
-            Phase::Edmd | Phase::MonteCarlo => GROWTH,
-            Phase::Check | Phase::Export | Phase::Write => AFTER_GROWTH,
+        let step = match progress.step {
+            Step::Sampling | Step::Rsa => BEFORE_GROWTH,
+            Step::Edmd | Step::MonteCarlo => GROWTH,
+            Step::Check | Step::Export | Step::Write => AFTER_GROWTH,
         };
-        self.phase.store(phase, Ordering::Relaxed);
+        self.step.store(step, Ordering::Relaxed);
         self.pool.done(self.thread, progress.fraction.clamp(0.0, 1.0));
     }
 
     fn should_stop(&self) -> bool {
         if let Some(since) = self.pool.stopped_for() {
-            let nothing_to_keep = self.phase.load(Ordering::Relaxed) == BEFORE_GROWTH;
+            let nothing_to_keep = self.step.load(Ordering::Relaxed) == BEFORE_GROWTH;
             return nothing_to_keep
                 || self.kept_last.load(Ordering::Relaxed)
                 || since >= LAST_CHECKPOINT_WITHIN;

@@ -136,7 +136,7 @@ pub(super) async fn expire_all(store: &Store) {
 pub(super) fn progress(fraction: f64) -> JobProgress {
     JobProgress {
         fraction,
-        phase: packstone_engine::Phase::Rsa,
+        step: packstone_engine::Step::Rsa,
         done: 1,
         total: 2,
         unit: "grains".into(),

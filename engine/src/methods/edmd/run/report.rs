@@ -7,7 +7,7 @@ use super::{
     STALL_EVENTS, Stage,
 };
 use crate::arrays;
-use crate::control::{Growth as Grown, Phase, Progress};
+use crate::control::{Growth as Grown, Progress, Step};
 use crate::mix::sphere_volume;
 use crate::packing::{EdmdStatistics, GrowthEnd, GrowthPoint};
 use crate::request::Distance;
@@ -136,7 +136,7 @@ impl Run {
         let per_s = self.system.counts.collisions() as f64 / seconds;
         let volume_fraction = self.volume_fraction(frame);
         Progress {
-            phase: Phase::Edmd,
+            step: Step::Edmd,
             fraction: self.fraction,
             done: events,
             total: frame.options.stop.events.unwrap_or(0),

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
-use crate::control::{Control, Growth, Phase, Progress};
+use crate::control::{Control, Growth, Progress, Step};
 use crate::elementary::exp_m1;
 use crate::gap::grain::ConvexShape;
 use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
@@ -128,7 +128,7 @@ impl<S: ConvexShape> Run<S> {
         let seconds = (self.elapsed_s() - self.rsa_s).max(1e-9);
         let volume_fraction = self.volume_fraction(of);
         control.report(&Progress {
-            phase: Phase::MonteCarlo,
+            step: Step::MonteCarlo,
             fraction: self.fraction,
             done: moves,
             total: of.limits.sweeps.unwrap_or(0) * self.system.len() as u64,
