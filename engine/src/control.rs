@@ -103,8 +103,7 @@ pub trait Control: Sync {
     fn wants_checkpoint(&self) -> bool {
         false
     }
-    /// Keeps a checkpoint that was wanted. One that cannot be kept is the receiver's loss: the run
-    /// goes on.
+    /// Keeps a checkpoint that was wanted. The receiver handles errors of saving it; the run goes on.
     fn keep_checkpoint(&self, _checkpoint: &Checkpoint<'_>) {}
 }
 

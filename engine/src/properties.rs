@@ -1,6 +1,6 @@
 //! Properties that hold for random inputs, by the crate `proptest`, with one copy of its runner for all of them.
 //!
-//! `proptest!` compiles its runner anew for each property: 90 copies were 0.7 MB of machine code in the unit tests.
+//! `proptest!` compiles its runner again for each property: 90 copies were 0.7 MB of machine code in the unit tests.
 //! [`properties!`] has the same form, and hands the runner cases of one type, whatever the inputs are.
 
 use std::fmt::{Debug, Formatter};

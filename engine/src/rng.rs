@@ -16,7 +16,7 @@ pub(crate) enum Stream {
     Edmd,
     /// The chance that a gradient is compared with.
     Segregation,
-    /// Shapes of grains that are no spheres.
+    /// Shapes of shaped grains.
     Shape,
 }
 

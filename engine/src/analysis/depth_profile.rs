@@ -4,7 +4,7 @@
 //! there. Planes parallel to a face or an end are cut in circles, whose area is exact. A cylinder's lateral surface
 //! is followed by coaxial cylinders, whose cut is an integral of arcs over the height of the grain.
 //!
-//! Of grains that are no spheres the volume in each slab between two planes is exact, but for rounded polyhedra
+//! Of shaped grains the volume in each slab between two planes is exact, but for rounded polyhedra
 //! (`grain::below`); what they cover of a coaxial cylinder is an integral of chords along z over the angle.
 
 use std::f64::consts::PI;

@@ -7,7 +7,7 @@
 //! the reference grain being where it is. What is expected follows from the volumes of shells in closed
 //! form, so that nothing is lost to the widths of bins or classes.
 //!
-//! Grains that are no spheres are seen by their centres: the abscissa is the distance of the centres less the mean of
+//! Shaped grains are seen by their centres: the abscissa is the distance of the centres less the mean of
 //! the two equivalent diameters, which is below 0 where flat sides face one another, and a partner may lie wherever the
 //! walls let the centre of a sphere within it.
 //!

@@ -1,4 +1,4 @@
-//! Pair correlations and profiles of grains that are no spheres, against closed forms and those of spheres.
+//! Pair correlations and profiles of shaped grains, against closed forms and those of spheres.
 
 use std::f64::consts::PI;
 

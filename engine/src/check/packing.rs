@@ -1,4 +1,4 @@
-//! The check of grains that are no spheres: all pairs with all periodic images, all walls.
+//! The check of shaped grains: all pairs with all periodic images, all walls.
 //!
 //! Pairs come from the table of the check, which sees the spheres around the grains. What two grains prove and what a
 //! wall asks for is said by their kind ([`Convex`]). Required gaps are those of the diameters of equal volume.
@@ -197,8 +197,7 @@ impl<B: Convex> Packing<B> {
         }
         let (a, b) = (&self.bodies[first], &self.bodies[second]);
         let required_mm = self.required.gap_mm(a.equivalent_diameter(), b.equivalent_diameter());
-        // Nothing more is of interest of a pair that is clear of its rule, not among the closest found so far, and
-        // beyond those that certificates are wanted of.
+        // A pair needs no more once it keeps its rule, is not among the closest so far, and needs no certificate.
         let of_interest =
             findings.gap.max(required_mm + findings.excess).max(findings.closer_than.unwrap_or(0.0));
         let enough = of_interest.min(required_mm + look);

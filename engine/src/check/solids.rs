@@ -1,4 +1,4 @@
-//! The check of grains that are no spheres, and its certificates.
+//! The check of shaped grains, and its certificates.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -21,7 +21,7 @@ use crate::packing::{GrainsRef, Solids};
 use crate::request::{Distance, PackingRequest, Specimen};
 use crate::shape::{self, Ellipsoid, Pose, SizeMeasure, SolidRef};
 
-/// Checks a packing of grains that are no spheres against its request, by the sizes of its mix, on so many threads.
+/// Checks a packing of shaped grains against its request, by the sizes of its mix, on so many threads.
 /// What is found does not depend on the threads.
 ///
 /// # Errors

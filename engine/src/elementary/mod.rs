@@ -32,12 +32,12 @@ pub(crate) fn exp2(x: f64) -> f64 {
     Cpu::detect().call(|| exponential::exp2(x))
 }
 
-/// The natural logarithm; minus infinity of 0, no number of negative ones.
+/// The natural logarithm; minus infinity at 0, NaN below.
 pub(crate) fn ln(x: f64) -> f64 {
     Cpu::detect().call(|| logarithm::ln(x))
 }
 
-/// The logarithm to base 2; minus infinity of 0, no number of negative ones.
+/// The logarithm to base 2; minus infinity at 0, NaN below.
 pub(crate) fn log2(x: f64) -> f64 {
     Cpu::detect().call(|| logarithm::log2(x))
 }

@@ -423,7 +423,7 @@ impl ExportRequest {
     }
 }
 
-/// The limits of exports in the place where the modules of the types read them.
+/// Limits with `max_model_bytes` in the field that exporters read.
 fn of_exports(limits: &Limits) -> Limits {
     Limits { max_memory_bytes: limits.max_model_bytes, ..*limits }
 }

@@ -1,4 +1,4 @@
-//! Bodies of either kind: gaps of any two grains that are no spheres, and both kinds as grains of packing methods.
+//! Bodies of either kind: gaps of any two shaped grains, and both kinds as grains of packing methods.
 //!
 //! A pair of one kind is decided as [`super::ellipsoids`] and [`super::polyhedra`] do. For an ellipsoid and a
 //! polyhedron the direction comes from the algorithm of Gilbert, Johnson and Keerthi on differences of a vertex and a

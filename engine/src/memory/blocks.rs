@@ -2,7 +2,7 @@
 
 use super::{OutOfMemory, make_room, reserved};
 
-/// Below the size from which a block is looked at for what it leaves.
+/// Smaller than the size from which an allocation is tested, so that no test is made for each block.
 const BLOCK_BYTES: usize = 1 << 15;
 
 /// A list in blocks that are not copied as it grows. They find room between larger blocks that stay, where a vector of

@@ -2,17 +2,17 @@
 //!
 //! The standard containers end the process when the system refuses them memory. What a run allocates in proportion to
 //! its grains or cells is reserved here first, so that a refusal ends the run and not the process. Large blocks are
-//! asked for as huge pages ([`pages`]). None takes the last of the memory: what is small is not tried, a line of text
-//! for example, and its refusal would end the process.
+//! asked for as huge pages ([`pages`]). A reservation fails unless [`LEFT_BYTES`] stay free, so that small allocations
+//! that cannot fail, as of a line of text, still succeed.
 
 mod blocks;
 mod pages;
 
 pub(crate) use blocks::Blocks;
 
-/// What a block must leave to be had.
+/// Bytes that must stay free after a large allocation.
 const LEFT_BYTES: usize = 1 << 20;
-/// Smaller blocks are taken without a look at what they leave.
+/// Smaller blocks are allocated without a test of what they leave.
 const LOOK_BYTES: usize = 1 << 16;
 
 /// The system refused an allocation of so many bytes.

@@ -35,7 +35,7 @@ pub(super) struct Bins<T, const N: usize> {
 }
 
 impl<T: Copy + Default, const N: usize> Bins<T, N> {
-    /// A bin without a block, whose last one is full as it were: the next item takes a block.
+    /// An empty bin: its counter says that its last block is full, so that the first item allocates a block.
     const EMPTY: Last = Last { block: NIL, items: N as u32 };
 
     /// Empties all bins; there are so many from now on, with room for so many blocks.

@@ -11,7 +11,7 @@
 //! - A law of sizes ([`Law::Distribution`]) has no such forms: it is divided into narrow classes with `F` linear in
 //!   `ln d`.
 //!
-//! Grains that are no spheres have shapes that do not depend on their size, so that the distributions of sizes stay and
+//! Shaped grains have shapes that do not depend on their size, so that the distributions of sizes stay and
 //! the numbers are divided by the mean of their volume over that of the sphere of the same size
 //! ([`Class::volume_ratio`]).
 

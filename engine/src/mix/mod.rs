@@ -219,7 +219,7 @@ impl GradedMix {
     }
 
     /// Diameters with the expected number of grains of each, from fine to coarse: quantiles of every
-    /// class, or those of an explicit list, many of which are taken together. For grains that are no spheres they are
+    /// class, or those of an explicit list, many of which are taken together. For shaped grains they are
     /// those of the mean volume of a size.
     pub fn expected_sizes(&self) -> Vec<(f64, f64)> {
         if let Some(list) = &self.list {

@@ -37,7 +37,7 @@ pub fn sample(
     should_stop: &dyn Fn() -> bool,
 ) -> Result<Diameters, PackError> {
     if mix.shapes.is_some() {
-        let detail = "grains that are no spheres cannot be drawn as spheres";
+        let detail = "shaped grains cannot be drawn as spheres";
         return Err(PackError::Plan(PlanError::Invalid(vec![FieldError::new("/mix", detail)])));
     }
     if let Some(list) = &mix.list {

@@ -387,7 +387,7 @@ pub struct MonteCarloStatistics {
     pub swaps_tried: u64,
     /// Exchanges of two grains made.
     pub swaps_accepted: u64,
-    /// Lists of near neighbours made anew.
+    /// Lists of near neighbours that were built.
     pub list_rebuilds: u64,
     /// Times that a packing which jammed just below its target was expanded, to grow again.
     #[serde(default)]
@@ -411,7 +411,7 @@ pub struct EdmdStatistics {
     pub grain_collisions: u64,
     /// Collisions with a wall.
     pub wall_collisions: u64,
-    /// Lists of near neighbours made anew.
+    /// Lists of near neighbours that were built.
     pub list_rebuilds: u64,
     /// Pairs of grains whose next collision was computed.
     pub predictions: u64,

@@ -165,8 +165,8 @@ mod cost {
     pub(super) const BYTES_PER_CROWDED_SPREAD: f64 = 4000.0;
     /// Bytes per grain while grains grow from a loose start.
     pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 345.0;
-    /// What growth has of its own where its random start takes more than that: 500 to 910 bytes in all for Fuller's
-    /// curve from 0.65 to 0.70.
+    /// Bytes per grain of the state of growth where the memory of its random start exceeds it: 500 to 910 bytes in all
+    /// for Fuller's curve from 0.65 to 0.70.
     pub(super) const BYTES_BESIDE_START: f64 = 140.0;
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Where random sequential addition ends, where grown packings jam, and how many events growth takes on
 //! the way there, from a handful of moments of the sizes. The forms, the data they were fitted to, the
-//! errors on cases left out of the fit, and how to fit anew: `docs/estimates.md`. The module knows
+//! errors on cases left out of the fit, and how to fit again: `docs/estimates.md`. The module knows
 //! sizes, walls and limits; it must never pack.
 
 use super::rods::random_close;

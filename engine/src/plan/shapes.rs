@@ -59,7 +59,7 @@ const ELLIPSOIDS: Known = Known {
     bytes_per_growing_grain: 750.0,
     bytes_per_placed_grain: 1050.0,
     bytes_per_corner: 0.0,
-    extrapolation: "grains that are no spheres, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
+    extrapolation: "shaped grains, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
 };
 
 const POLYHEDRA: Known = Known {
@@ -70,7 +70,7 @@ const POLYHEDRA: Known = Known {
     bytes_per_growing_grain: 800.0,
     bytes_per_placed_grain: 800.0,
     bytes_per_corner: 48.0,
-    extrapolation: "grains that are no spheres, taken to reach at most what polyhedra of 21 faces, stretched by \
+    extrapolation: "shaped grains, taken to reach at most what polyhedra of 21 faces, stretched by \
                     1.5:1.2:1, by Fuller's curve do",
 };
 

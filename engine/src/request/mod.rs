@@ -266,11 +266,11 @@ pub struct Mix {
     #[cfg_attr(feature = "openapi", schema(required = false, value_type = schema::OneOrMore<ShapeClass>))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shapes: Vec<ShapeClass>,
-    /// What the diameters of the grading, the cut-off and the size classes are of grains that are no spheres.
+    /// What the diameters of the grading, the cut-off and the size classes are of shaped grains.
     #[cfg_attr(feature = "openapi", schema(default = "sieve", required = false))]
     #[serde(skip_serializing_if = "SizeMeasure::is_sieve")]
     pub size: SizeMeasure,
-    /// How grains that are no spheres are oriented; uniform when absent.
+    /// How shaped grains are oriented; uniform when absent.
     #[cfg_attr(feature = "openapi", schema(required = false))]
     #[serde(skip_serializing_if = "Orientation::is_uniform")]
     pub orientation: Orientation,
@@ -446,7 +446,7 @@ pub enum Method {
         /// random centre among those where the sphere keeps its distance from the walls; that of a grain of another
         /// shape, also of a sphere among such grains, is a uniform random centre in the specimen with a random
         /// orientation. When absent, the search is exhaustive: a grain fails when it is proven that no place is left.
-        /// Grains that are no spheres also fail after 20 000 000 draws without a proof. The failure says which of the
+        /// Shaped grains also fail after 20 000 000 draws without a proof. The failure says which of the
         /// two it was (`saturation_proven`).
         #[cfg_attr(
             feature = "openapi",
@@ -461,7 +461,7 @@ pub enum Method {
         #[serde(flatten)]
         options: EdmdOptions,
     },
-    /// Hard-particle Monte Carlo, for grains that are no spheres: grains move, turn, exchange their places and grow,
+    /// Hard-particle Monte Carlo, for shaped grains: grains move, turn, exchange their places and grow,
     /// and those that come to overlap push each other apart.
     MonteCarlo {
         /// When to give up.

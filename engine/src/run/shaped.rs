@@ -68,7 +68,7 @@ fn route(run: &Growing<'_>) -> Route {
     }
 }
 
-/// Packs grains that are no spheres by the method of the request, from a checkpoint where there is one.
+/// Packs shaped grains by the method of the request, from a checkpoint where there is one.
 ///
 /// # Errors
 /// See [`PackError`].

@@ -46,13 +46,13 @@ pub struct QualityReport {
     pub d_max_mm: f64,
     /// Thirds of the volume of the grains by size, from fine to coarse; fewer where the grains have fewer diameters.
     pub classes: Vec<QualityClass>,
-    /// Gaps to the nearest grain; `null` with fewer than two grains, and for grains that are no spheres.
+    /// Gaps to the nearest grain; `null` with fewer than two grains, and for shaped grains.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub gaps: Option<GapFigures>,
-    /// Pairs of near grains; `null` where no pair is near, and for grains that are no spheres.
+    /// Pairs of near grains; `null` where no pair is near, and for shaped grains.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub contacts: Option<ContactFigures>,
-    /// Bond order of neighbours of like size; `null` where there are none, and for grains that are no spheres.
+    /// Bond order of neighbours of like size; `null` where there are none, and for shaped grains.
     #[cfg_attr(feature = "openapi", schema(required))]
     pub bond_order: Option<BondOrder>,
     /// Volume by size class near the walls; `null` for a periodic box, and where the specimen is too small.
@@ -84,7 +84,7 @@ impl From<QualityError> for std::io::Error {
     }
 }
 
-/// Measures a packing. Grains that are no spheres count as spheres of equal volume about their centres near walls and
+/// Measures a packing. Shaped grains count as spheres of equal volume about their centres near walls and
 /// in blocks, where a grain may thus reach a little beyond a wall; their pairs are not measured.
 ///
 /// # Errors

@@ -143,7 +143,7 @@ impl Export for DeckOptions {
     /// Makes the deck and writes it.
     ///
     /// # Errors
-    /// Those of [`check`]; [`ExportError::Invalid`] for a phase without the properties that the load needs;
+    /// Those of [`Export::check`]; [`ExportError::Invalid`] for a phase without the properties that the load needs;
     /// [`ExportError::Unavailable`] for an empty set, a load on no node, and too few constraints; and
     /// [`ExportError::Stopped`]. Nothing is written before all of this is known.
     fn write(

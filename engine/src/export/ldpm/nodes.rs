@@ -31,7 +31,7 @@ const DISKS_PER_AREA: f64 = 0.70;
 pub struct Nodes<'a> {
     /// Where they are.
     pub points_mm: Vec<[f64; 3]>,
-    /// Their radius in the tessellation; of grains that are no spheres that of the sphere of equal volume.
+    /// Their radius in the tessellation; of shaped grains that of the sphere of equal volume.
     pub radii_mm: Vec<f64>,
     /// How many lie on the surface.
     pub boundary: usize,

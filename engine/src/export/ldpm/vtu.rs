@@ -1,7 +1,7 @@
 //! A lattice as VTK unstructured grids: its tetrahedra, its facets, its cells.
 //!
 //! Points of facets and cells are numbered tetrahedra first, then faces, then edges, then nodes of the surface,
-//! so that neighbours share them. Every array is a pass over the lattice, and computes facets and cells anew; threads
+//! so that neighbours share them. Every array is a pass over the lattice, and computes facets and cells again; threads
 //! share it.
 
 use std::io::Write;

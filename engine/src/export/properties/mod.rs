@@ -132,8 +132,9 @@ impl Export for PropertyOptions {
     /// again, and change no byte.
     ///
     /// # Errors
-    /// Those of [`check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the solver does
-    /// not reach the tolerance; [`ExportError::Stopped`], [`ExportError::OutOfMemory`], [`ExportError::Write`].
+    /// Those of [`Export::check`], [`ExportError::Invalid`] for materials; [`ExportError::Unavailable`] where the
+    /// solver does not reach the tolerance; [`ExportError::Stopped`], [`ExportError::OutOfMemory`],
+    /// [`ExportError::Write`].
     fn write_or_resume(
         &self,
         model: &Model<'_>,

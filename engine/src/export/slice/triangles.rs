@@ -317,7 +317,7 @@ pub(in crate::export) fn mesh_of(
 }
 
 /// Gives each triangle the grain of its section: by the number of its surface where the script has named each, else
-/// by the place of the first triangle of the surface, because the kernel numbers anew what it clips.
+/// by the place of the first triangle of the surface, because the kernel numbers again what it clips.
 fn name_grains(mesh: &mut SolidMesh, cut: &Cut) -> Result<(), ExportError> {
     let surfaces = mesh.grain_of.iter().copied().max().unwrap_or(0) as usize;
     let is_clipped = cut.sections.iter().any(|section| section.clipped);

@@ -3,9 +3,9 @@
 //! Growth ends a little beyond its target, and grains that fit exactly cannot grow beyond it: they jam at the target
 //! less some 1e-7. From there they are moved, not grown. At their full size every pair that is too close is moved
 //! apart along its line of centres by half of what is missing each, and every centre back between the walls, until
-//! nothing is missing (successive projection onto the constraints). The projections converge to positions of round
-//! numbers where the sizes are round numbers, and skin them but for rounding, so the positions are also tried
-//! rounded to nine digits. The result is taken only if it satisfies every constraint without tolerance.
+//! nothing is missing (successive projection onto the constraints). Where the sizes are round numbers the projections
+//! converge to positions of round numbers, but miss them by rounding, so the positions are also tried rounded to nine
+//! digits. The result is taken only if it satisfies every constraint without tolerance.
 
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;

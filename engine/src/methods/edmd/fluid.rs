@@ -24,7 +24,7 @@ const START_FRACTION: f64 = 0.25;
 const PACE: f64 = 0.3;
 /// Collisions per grain between two cycles while nothing grows.
 const EVENTS_PER_GRAIN: u64 = 25;
-/// The same where spheres collide in blocks, which are cut anew in each cycle.
+/// The same where spheres collide in blocks, which are divided again in each cycle.
 const EVENTS_PER_GRAIN_IN_BLOCKS: u64 = 5;
 /// A hard-sphere fluid of spheres of diameter 1 mm.
 #[derive(Debug)]

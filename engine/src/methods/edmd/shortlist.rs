@@ -4,7 +4,7 @@
 //! are far from it in time. A coarse grain therefore lives in a small ball, its *margin*, until a *horizon* in time and
 //! looks only at its shortlist: the neighbours that would touch it before the horizon if it were anywhere in the ball.
 //! The shortlist is complete at all times. It is made from the whole list; a neighbour that gets another velocity, or
-//! is new in the list, looks itself whether it belongs there; and it is made anew at the horizon, when the grain leaves
+//! is new in the list, looks itself whether it belongs there; and it is rebuilt at the horizon, when the grain leaves
 //! the ball, and when it gets a new NNL sphere.
 //!
 //! The horizon is the time by which a number of neighbours about the root of the length of the list would have arrived:
@@ -44,7 +44,7 @@ impl Shortlist {
         &self.entries
     }
 
-    /// When it has to be made anew, for a grain that now moves like this.
+    /// When it has to be rebuilt, for a grain that now moves like this.
     #[inline(always)]
     pub(crate) fn valid_until(&self, me: &Hot, now: f64) -> f64 {
         let d: [f64; 3] = arrays::from_fn(|k| me.position[k] - self.center[k]);

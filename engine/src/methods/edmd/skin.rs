@@ -1,4 +1,4 @@
-//! How far grains may move, in the first cycle, before their lists are made anew.
+//! How far grains may move, in the first cycle, before their lists are rebuilt.
 //!
 //! A grain of mean free path `l` leaves a sphere of radius `s` after about `x + x^2 / 2` collisions, `x = s / l`: first
 //! it flies, then it diffuses. The first skins follow from the rebuilds per collision that are aimed at, and from mean

@@ -32,7 +32,8 @@ struct Level {
     grains: Vec<u32>,
 }
 
-/// What lists are built of. It is given back with them: pushes, which need as much memory, come between two builds.
+/// Working memory of the build of neighbour lists. It is freed with the lists: pushes, which need as much memory, run
+/// between two builds.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Lists {
     levels: Vec<Level>,

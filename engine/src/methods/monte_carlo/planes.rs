@@ -15,9 +15,9 @@
 //!
 //! A plane takes 16 bytes, four of them a line of cache. The components of its normal are integers of 16 bits, which
 //! both grains read as they are: a plane need not have the direction of the gap, nor a normal of length 1. Its offset
-//! is counted from where the list of its grain was built, in single precision, rounded towards the grain. Where two
-//! grains keep their gap but not along the rounded normal, both cross their planes wherever they are, and the pair is
-//! decided each time.
+//! is counted from where the list of its grain was built, in single precision, rounded towards the grain. If the gap
+//! holds only along the exact normal and not along that of 16 bits, no valid plane exists, and the pair is tested
+//! exactly at every move.
 
 use super::system::{Hot, System};
 use crate::arrays::Each as _;

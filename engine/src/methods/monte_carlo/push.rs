@@ -66,7 +66,7 @@ pub(super) struct Pushed {
     pub(super) pushes: u64,
 }
 
-/// What it takes to go back, beside the poses of the grains that were moved, and the grains that look again.
+/// What is needed to take a failed push back, beside the poses of the moved grains; and the grains to test again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pusher {
     /// The last bits of the centre of each grain, and of where its list was built: scaling leaves the others.
@@ -228,8 +228,8 @@ impl Pusher {
         system.is_clear()
     }
 
-    /// Calls `visit` with every pair and wall of a grain that looks again which is not clear: the grain, the direction,
-    /// the vector between the centres along it or the distance from the wall, and what the gap lacks.
+    /// Calls `visit` for every pair and wall of an active grain whose gap is not kept, with the distance between the
+    /// centres, or of the centre from the wall, along the normal, and with the distance that the gap asks for.
     fn for_each_left(&self, system: &System<impl ConvexShape>, mut visit: impl FnMut(f64, f64)) {
         for i in (0..system.len()).filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
@@ -318,7 +318,7 @@ impl Pusher {
             }
         }
         system.set_wall_planes();
-        // Planes are laid anew where they are crossed; the packing was valid before, but for rounding.
+        // Planes are computed again where they are crossed; the packing was valid before, but for rounding.
         let _ = system.is_clear();
     }
 }
@@ -337,8 +337,8 @@ fn with_last_bits(near: f64, last: u8) -> f64 {
 }
 
 impl<S: ConvexShape> System<S> {
-    /// Whether all gaps are kept. Lays all planes anew that grains cross, whether the gaps of other grains are kept or
-    /// not: behind a plane whose counterpart is crossed a neighbour could come too close.
+    /// Whether all gaps are kept. Computes every separating plane again that a grain crosses, also after another pair
+    /// has failed: the two planes of a pair are valid only together.
     pub(super) fn is_clear(&mut self) -> bool {
         let cpu = self.cpu;
         with_instruction_set!(cpu, set => set.call(
@@ -353,7 +353,7 @@ impl<S: ConvexShape> System<S> {
         ))
     }
 
-    /// Lays the planes that a grain crosses anew; says whether it keeps its gaps.
+    /// Computes the planes again that a grain crosses; says whether it keeps its gaps.
     #[inline(always)]
     fn lay_crossed<I: InstructionSet>(&mut self, set: I, i: usize) -> bool {
         let (hot, cold) = (self.hot[i], self.cold[i]);
@@ -444,8 +444,8 @@ impl<S: ConvexShape> System<S> {
         self.displace(i, scaled(n, -by), [0.0; 3]);
     }
 
-    /// Pushes a grain and its neighbour apart, by a share of the depth and one of the smaller diameter, and lays their
-    /// planes anew.
+    /// Pushes a grain and its neighbour apart, by a share of the depth and one of the smaller diameter, and computes
+    /// their planes again.
     fn push_apart(
         &mut self,
         i: usize,

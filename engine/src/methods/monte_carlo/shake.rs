@@ -27,7 +27,7 @@ const SHORTEST_STEP: f64 = 1e-9;
 const TURN: f64 = 1.5;
 /// Share of the skin that moves may use; the rest is for pushes.
 const SKIN_SHARE: f64 = 0.6;
-/// Most planes that are laid anew for one move; one that needs more is not made.
+/// Most planes that are computed again for one move; one that needs more is not made.
 const MOST_NEW: usize = 16;
 
 /// What was counted.
@@ -121,8 +121,8 @@ fn sweep_with<I: InstructionSet>(
     moves
 }
 
-/// Whether a grain that were this one would keep all its gaps; notes the planes that are to be laid
-/// anew. `more` is how much closer than it may the grain has come to its planes beforehand, where it gets another gap.
+/// Whether the trial pose of a grain keeps all gaps; notes the planes that are to be computed again. `more` is how far
+/// the grain may already be beyond its planes, because the gap that it must keep has just changed.
 #[inline(always)]
 pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     set: I,

@@ -194,8 +194,8 @@ pub(super) struct Moved {
 }
 
 impl<S: ConvexShape> System<S> {
-    /// Grains at poses in the specimen at its requested size. The poses are given back before the half of the grains
-    /// that follows from the other is made.
+    /// Grains at poses in the specimen at its requested size. The memory of the poses is freed before the derived
+    /// arrays are allocated, which lowers the peak.
     pub(super) fn new(
         specimen: &Specimen,
         rule: DistanceRule,

@@ -188,7 +188,7 @@ fn a_run_goes_on_from_any_checkpoint_as_if_it_had_never_stopped() {
             assert_eq!((resumed.gap_mm, resumed.end), (whole.gap_mm, whole.end));
             assert_eq!(resumed.growth_curve.len(), whole.growth_curve.len());
         }
-        // What is none of this request is ignored, and the run begins anew.
+        // What is none of this request is ignored, and the run begins again.
         let body = &bodies[1];
         for damaged in [&body[..body.len() - 1], &body[..40], &[]] {
             let again = packing.run(Some(damaged), &Unattended).unwrap();

@@ -24,7 +24,7 @@ use crate::threads::share;
 
 /// Points of a piece, a multiple of those drawn at once.
 const PIECE: usize = 8 * DRAWS_AT_ONCE;
-/// Most and fewest points of a batch. Fewer are not worth to be shared.
+/// Most and fewest points of a batch. Smaller batches cost more to distribute than to compute.
 const MOST_POINTS: usize = 64 * PIECE;
 const LEAST_POINTS: usize = 4 * PIECE;
 /// Active voxels for each point of a batch: few of them drop out while the batch is used up.

@@ -9,7 +9,7 @@
 //!
 //! A voxel inside a sphere, or too close to a wall, is so only for grains above some size. Since
 //! grains come from the largest down, such a voxel sleeps until a grain is small enough, and is
-//! forgotten if none will be before the voxels are made anew.
+//! forgotten if none will be before the voxels are rebuilt.
 
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;

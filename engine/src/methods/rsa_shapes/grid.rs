@@ -19,7 +19,7 @@ use crate::shape::Pose;
 
 /// Edge of a cell over the shortest inner radius of the stage, gap included. Smaller cells name each grain more often.
 const CELL_EDGE: f64 = 3.0;
-/// Most cells per inserted and expected grain: few grains in much space need no fine cells.
+/// Largest number of cells: few grains in much space need no fine cells.
 const MOST_CELLS: f64 = 2e6;
 /// End of a chain.
 const NONE: u32 = u32::MAX;
@@ -49,8 +49,8 @@ impl<T: Turned> Placed<T> {
     }
 }
 
-/// A grain that was inserted: what draws read of it. Its shape and its pose, of which the exclusion of the next stage
-/// is made, are the run's.
+/// What draws read of an inserted grain. Its shape and its pose are kept by the run; the next stage computes its
+/// exclusion zones from them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inserted<T> {
     pub(super) body: Placed<T>,

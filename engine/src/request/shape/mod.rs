@@ -201,7 +201,7 @@ pub struct ShapeClass {
     pub shape: GrainShape,
 }
 
-/// How grains that are no spheres are oriented before a method moves them.
+/// How shaped grains are oriented before a method moves them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]

@@ -36,7 +36,7 @@ pub(crate) struct Principal {
 }
 
 impl Principal {
-    /// Of nothing.
+    /// Zero moments.
     pub(super) fn none() -> Self {
         Self {
             axes: UnitQuaternion::identity(),

@@ -67,7 +67,7 @@ fn ellipsoids_with_equal_axes_have_the_lattice_of_spheres() {
             models.map(|model| Lattice::make(&model, &options, &Limits::default(), &Unattended).unwrap());
         let (one, other) = (of_spheres.report(), of_ellipsoids.report());
         assert_eq!(one.nodes.grains, other.nodes.grains);
-        // Nodes on the surface are drawn anew where a distance is rounded otherwise.
+        // Nodes on the surface are drawn again where a distance is rounded otherwise.
         let ratio = other.nodes.total as f64 / one.nodes.total as f64;
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
         assert!((one.volume_mm3 / other.volume_mm3 - 1.0).abs() < 1e-3);

@@ -1,4 +1,4 @@
-//! States of a run that cannot be: whatever passed the checksum but does not make sense starts anew.
+//! States of a run that cannot be: whatever passed the checksum but does not make sense starts again.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -1,7 +1,7 @@
 //! One run from the first compression cycle to the last: growth, limits, checkpoints.
 //!
 //! A cycle depends on the poses, the steps, the rate and a few numbers more, and on a random stream of its own. Lists
-//! and planes carry over from cycle to cycle; where lists are due to be built anew they are forgotten, and there a
+//! and planes carry over from cycle to cycle; where lists are due to be rebuilt they are forgotten, and there a
 //! checkpoint may be written.
 
 mod body;
