@@ -271,3 +271,67 @@ fn modules_of_a_folder_form_no_circle() {
         assert!(uses.is_empty(), "{folder}: {uses:#?}");
     }
 }
+
+/// Files that match the kind of a grain outside of the folders that define and check kinds: the mix, the methods and
+/// runs of spheres and of shaped grains, and the exporters of columns and surfaces. To add a kind is to change these;
+/// the list only becomes shorter.
+const MATCHING_KINDS: [&str; 32] = [
+    "analysis/depth_profile.rs",
+    "analysis/quality/mod.rs",
+    "analysis/shapes.rs",
+    "export/mesh/bodies.rs",
+    "export/mesh/geo/mod.rs",
+    "export/shapes.rs",
+    "export/slice/cut.rs",
+    "export/slice/geo.rs",
+    "export/slice/json.rs",
+    "export/slice/mod.rs",
+    "export/tables/columns.rs",
+    "export/tables/load.rs",
+    "export/tables/mod.rs",
+    "export/tables/source.rs",
+    "export/tables/surfaces.rs",
+    "export/tables/text.rs",
+    "export/tables/view.rs",
+    "export/tables/vtk.rs",
+    "gap/solids.rs",
+    "mix/mod.rs",
+    "mix/sampling.rs",
+    "mix/shapes.rs",
+    "plan/mod.rs",
+    "plan/shapes.rs",
+    "run/coating.rs",
+    "run/kept.rs",
+    "run/partial.rs",
+    "run/shaped.rs",
+    "run/size_scale.rs",
+    "run/spheres.rs",
+    "run/verify.rs",
+    "template_cache.rs",
+];
+
+#[test]
+fn kinds_of_grains_are_matched_in_no_further_file() {
+    let kinds = ["Solid", "SolidRef", "TurnedSolid", "Grains", "GrainsRef", "GrainKind"];
+    let variants = ["Spheres", "Solids", "Ellipsoid", "Ellipsoids", "Polyhedron", "Polyhedra", "Mixed"];
+    let names: Vec<String> = kinds
+        .iter()
+        .flat_map(|kind| variants.iter().map(move |variant| format!("{kind}::{variant}")))
+        .collect();
+    let is_identifier = |c: char| c.is_alphanumeric() || c == '_';
+    let matches = |code: &str| {
+        names.iter().any(|name| {
+            code.match_indices(name).any(|(at, _)| {
+                !code[..at].ends_with(is_identifier) && !code[at + name.len()..].starts_with(is_identifier)
+            })
+        })
+    };
+    let defining = ["grain", "request", "check", "shape", "packing"];
+    let found: BTreeSet<String> = files(&source())
+        .iter()
+        .filter(|file| matches(&code(file)))
+        .map(|file| file.strip_prefix(source()).unwrap().to_str().unwrap().replace('\\', "/"))
+        .filter(|path| !defining.iter().any(|folder| path.starts_with(&format!("{folder}/"))))
+        .collect();
+    assert_eq!(found, MATCHING_KINDS.iter().map(ToString::to_string).collect());
+}

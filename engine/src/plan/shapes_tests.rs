@@ -95,7 +95,7 @@ fn what_is_unlikely_is_a_warning_and_what_cannot_be_is_refused() {
     let loose = at(0.55, "rsa").unwrap();
     assert!(loose.success_probability > 0.9 && loose.warnings.is_empty(), "{loose:?}");
     assert!(loose.estimated_time_s > 0.2 && loose.estimated_time_s < 1.0, "{}", loose.estimated_time_s);
-    assert!(loose.extrapolations.iter().any(|beyond| beyond.contains("no spheres")));
+    assert!(loose.extrapolations.iter().any(|beyond| beyond.contains("shaped grains")));
     let dense = at(0.70, "rsa").unwrap();
     assert!(dense.success_probability < 0.01, "{dense:?}");
     assert!(dense.warnings[0].contains("reaches about 0.63"), "{:?}", dense.warnings);
