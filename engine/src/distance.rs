@@ -17,7 +17,7 @@
 //! assert!((rule.wall_gap_mm(8.0) - 0.4).abs() < 1e-12);
 //! ```
 
-use crate::request::{Boundary, Distance, Specimen};
+use crate::request::{Distance, Specimen};
 
 /// A distance rule with its wall distance, ready to be evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +83,7 @@ impl DistanceRule {
             Distance::Proportional { factor, wall_gap_mm } => (Kind::Proportional(factor), wall_gap_mm),
             Distance::SmallerDiameter { factor, wall_gap_mm } => (Kind::SmallerDiameter(factor), wall_gap_mm),
         };
-        let walls = !matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. });
+        let walls = specimen.domain().has_walls();
         Self { kind, wall_gap_mm, walls }
     }
 

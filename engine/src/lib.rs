@@ -32,6 +32,7 @@ pub mod checkpoint;
 pub mod control;
 mod cpu;
 pub mod distance;
+pub mod domain;
 mod elementary;
 pub mod error;
 pub mod export;
@@ -54,11 +55,11 @@ pub mod segregation;
 pub mod shape;
 pub mod solution;
 mod sorting;
-pub mod specimen;
 mod summed;
 mod template_cache;
 mod threads;
 
+/// The name by which `analysis` still finds the region of centres.
 pub use checkpoint::{Checkpoint, CheckpointError, Resume};
 pub use control::{Control, Finish, Growth, Progress, Step, Unattended};
 pub use error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};

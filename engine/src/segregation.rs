@@ -9,11 +9,9 @@
 //! strength `k`. A grain that is no sphere counts as the sphere of equal volume about its centre.
 
 use crate::distance::DistanceRule;
+use crate::domain::{Domain, Region};
 use crate::mix::sphere_volume;
-use crate::request::{
-    Axis, FieldDirection, GradientField, PackingRequest, Segregation, Specimen, SpecimenFace,
-};
-use crate::specimen::Region;
+use crate::request::{Axis, FieldDirection, GradientField, PackingRequest, Segregation, SpecimenFace};
 
 /// How far up a field a centre lies in the region that is left for it: 0 to 1.
 pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3]) -> f64 {
@@ -38,7 +36,7 @@ pub(crate) fn share_of_field(field: GradientField, region: &Region, p: [f64; 3])
 pub struct Preference {
     field: GradientField,
     strength: f64,
-    specimen: Specimen,
+    domain: Domain,
     grains: Vec<Grain>,
 }
 
@@ -72,7 +70,7 @@ impl Preference {
                 Grain { volume_mm3: own, clearance_mm: d / 2.0 + rule.wall_gap_mm(d), quantile }
             })
             .collect();
-        Some(Self { field, strength, specimen: request.specimen, grains })
+        Some(Self { field, strength, domain: request.specimen.domain(), grains })
     }
 
     /// Logarithm of the weight of a place for a grain whose centre has this region.
@@ -84,7 +82,7 @@ impl Preference {
 
     /// The same with the region that is left for the centre of a sphere of the grain's diameter.
     pub(crate) fn log_weight_at(&self, grain: usize, p: [f64; 3]) -> f64 {
-        let region = self.specimen.center_region(self.grains[grain].clearance_mm);
+        let region = self.domain.center_region(self.grains[grain].clearance_mm);
         region.map_or(0.0, |region| self.log_weight(grain, &region, p))
     }
 

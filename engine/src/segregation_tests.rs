@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use serde_json::json;
 
 use super::*;
-use crate::request::Boundary;
+use crate::request::{Boundary, Specimen};
 use crate::rng::{Stream, stream, uniform};
 
 const CUBOID: Specimen = Specimen::Box { size_mm: [20.0, 30.0, 40.0], boundary: Boundary::Walls };

@@ -11,11 +11,12 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
+use crate::domain::Lateral;
 use crate::elementary::{acos, atan2, hypot, sin_cos};
 use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::OutOfMemory;
 use crate::packing::{GrainsRef, Spheres};
-use crate::request::{Boundary, Specimen};
+use crate::request::Specimen;
 
 /// Nodes of the integral of arcs over half of the height. Substituted by a sine it is smooth and periodic, so
 /// that equal steps converge fast, the faster the straighter the lateral surface is over the width of the grain.
@@ -61,7 +62,7 @@ pub fn depth_profiles<'a>(
     max_depth_mm: f64,
     steps: usize,
 ) -> Result<Vec<DepthProfile>, OutOfMemory> {
-    if specimen.is_periodic() {
+    if !specimen.domain().has_walls() {
         return Ok(Vec::new());
     }
     Ok(match grains.into() {
@@ -85,20 +86,16 @@ fn profiles(
     max_depth_mm: f64,
     steps: usize,
 ) -> Vec<DepthProfile> {
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => Vec::new(),
-        Specimen::Box { size_mm: [x, y, z], .. } => {
-            let depths = Depths::new(max_depth_mm.min(x.min(y).min(z) / 2.0), steps);
-            vec![grains.planes(&depths, Surface::Faces, &[(0, x, y * z), (1, y, x * z), (2, z, x * y)])]
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let depths = Depths::new(max_depth_mm.min(height_mm / 2.0), steps);
-            let area = PI / 4.0 * diameter_mm * diameter_mm;
-            let ends = grains.planes(&depths, Surface::Ends, &[(2, height_mm, area)]);
-            let depths = Depths::new(max_depth_mm.min(diameter_mm / 2.0), steps);
-            vec![ends, grains.lateral(&depths, diameter_mm / 2.0, height_mm)]
-        }
-    }
+    let domain = specimen.domain();
+    let [x, y, z] = domain.bounds_mm;
+    let Some(Lateral { radius_mm, .. }) = domain.lateral() else {
+        let depths = Depths::new(max_depth_mm.min(x.min(y).min(z) / 2.0), steps);
+        return vec![grains.planes(&depths, Surface::Faces, &[(0, x, y * z), (1, y, x * z), (2, z, x * y)])];
+    };
+    let depths = Depths::new(max_depth_mm.min(z / 2.0), steps);
+    let ends = grains.planes(&depths, Surface::Ends, &[(2, z, PI / 4.0 * x * x)]);
+    let depths = Depths::new(max_depth_mm.min(x / 2.0), steps);
+    vec![ends, grains.lateral(&depths, radius_mm, z)]
 }
 
 /// Equally spaced depths.

@@ -17,6 +17,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::domain::Region;
 use crate::elementary::{cos, ln_1p, sin};
 use crate::mix::sphere_volume;
 use crate::packing::{GrainsRef, SegregationReport, Separation, SeparationAcross, Spheres};
@@ -24,7 +25,6 @@ use crate::request::{Axis, FieldDirection, GradientField, Specimen, SpecimenFace
 use crate::rng::{Stream, stream, uniform};
 use crate::segregation::share_of_field;
 use crate::sorting;
-use crate::specimen::Region;
 
 /// Permutations of the sizes.
 const PERMUTATIONS: u32 = 999;

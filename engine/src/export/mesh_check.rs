@@ -40,10 +40,8 @@ fn check_tetrahedra(
 ) -> Result<(), String> {
     let whole = specimen.volume_mm3();
     let volumes = report.phases.iter().map(|phase| phase.volume_mm3);
-    let least = match specimen {
-        Specimen::Box { .. } => 1.0 - VOLUME_ERROR,
-        Specimen::Cylinder { .. } => LEAST_OF_CYLINDER,
-    };
+    let is_curved = specimen.domain().lateral().is_some();
+    let least = if is_curved { LEAST_OF_CYLINDER } else { 1.0 - VOLUME_ERROR };
     let filled = volumes.clone().sum::<f64>() / whole;
     let is_as_told = (filled - 1.0 - report.specimen_volume_error).abs() <= VOLUME_ERROR;
     if !(least..=1.0 + VOLUME_ERROR).contains(&filled) || !is_as_told {
@@ -108,11 +106,9 @@ pub(super) fn check_deck(
         return Ok(());
     }
     let filled = whole / specimen.volume_mm3();
-    let slack = match specimen {
-        Specimen::Box { .. } => VOLUME_ERROR,
-        // Voxels stand out of the round surface, and tetrahedra stay within it.
-        Specimen::Cylinder { .. } => 1.0 - LEAST_OF_CYLINDER,
-    };
+    // Voxels stand out of a round surface, and tetrahedra stay within it.
+    let is_curved = specimen.domain().lateral().is_some();
+    let slack = if is_curved { 1.0 - LEAST_OF_CYLINDER } else { VOLUME_ERROR };
     if (filled - 1.0).abs() > slack {
         return Err(format!("the mesh has {filled} of the volume of the specimen"));
     }

@@ -71,7 +71,7 @@ impl Body {
     /// Smallest clear distance to the walls in mm, negative where the body reaches beyond one; infinite without walls.
     #[must_use]
     pub fn wall_gap_mm(&self, specimen: &Specimen) -> f64 {
-        walls::wall_gap_mm(self.center_mm, &self.matrix_mm2, specimen)
+        walls::wall_gap_mm(self.center_mm, &self.matrix_mm2, &specimen.domain())
     }
 
     /// Distance in mm of the farthest point from an axis along z.

@@ -67,7 +67,9 @@ impl<'a> Body<'a> {
     pub fn wall_gap_mm(&self, specimen: &Specimen) -> f64 {
         match self {
             Self::Ellipsoid(body) => body.wall_gap_mm(specimen),
-            Self::Polyhedron(body) => walls::wall_gap_mm(body.center_mm.into(), &body.turned, specimen),
+            Self::Polyhedron(body) => {
+                walls::wall_gap_mm(body.center_mm.into(), &body.turned, &specimen.domain())
+            }
         }
     }
 

@@ -15,7 +15,7 @@
 use super::grain::Turned;
 use super::linear::{Symmetric, Vector};
 use crate::arrays::{self, Each as _};
-use crate::request::{Boundary, Specimen};
+use crate::domain::{Domain, Face, Lateral};
 
 /// Most steps of Newton's method; few are needed.
 const MOST_STEPS: u32 = 30;
@@ -24,19 +24,19 @@ const ACROSS: usize = 2;
 
 /// Smallest clear distance of a grain to the walls in mm, negative where it reaches beyond one; infinite without walls.
 #[must_use]
-pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, specimen: &Specimen) -> f64 {
-    let between = |axis: usize, length_mm: f64| between_planes_mm(center_mm, grain, axis, length_mm);
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => f64::INFINITY,
-        Specimen::Box { size_mm: [x, y, z], .. } => {
-            smaller(smaller(between(0, x), between(1, y)), between(2, z))
+pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, domain: &Domain) -> f64 {
+    let gap_mm = |wall| match wall {
+        Face::Plane(plane) => {
+            let mut n = [0.0; 3];
+            n[plane.axis] = 1.0;
+            let reach = if plane.is_low { grain.support_back_mm(n) } else { grain.support_mm(n) };
+            plane.distance_mm(center_mm) - reach
         }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let radius = diameter_mm / 2.0;
-            let reach = grain.reach_across_mm([center_mm[0] - radius, center_mm[1] - radius]).0;
-            smaller(radius - reach, between(2, height_mm))
+        Face::Lateral(Lateral { center_mm: [x, y], radius_mm }) => {
+            radius_mm - grain.reach_across_mm([center_mm[0] - x, center_mm[1] - y]).0
         }
-    }
+    };
+    domain.walls().map(gap_mm).fold(f64::INFINITY, smaller)
 }
 
 /// The smaller of two distances. A distance that is no number is less than all: it proves nothing, and must not be
@@ -44,16 +44,6 @@ pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, specimen: &Specimen) 
 #[inline(always)]
 fn smaller(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NEG_INFINITY } else { a.min(b) }
-}
-
-/// Smaller distance of a grain in mm to the planes at 0 and at a length along an axis.
-#[inline(always)]
-#[must_use]
-pub fn between_planes_mm(center_mm: Vector, grain: &impl Turned, axis: usize, length_mm: f64) -> f64 {
-    let mut n = [0.0; 3];
-    n[axis] = 1.0;
-    let [to_low, to_high] = [grain.support_back_mm(n), grain.support_mm(n)];
-    smaller(center_mm[axis] - to_low, length_mm - center_mm[axis] - to_high)
 }
 
 /// Of an ellipsoid by its shape matrix, with its centre at this offset from an axis along z: distance of the farthest

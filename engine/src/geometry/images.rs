@@ -14,11 +14,12 @@ use crate::request::Specimen;
 /// Share of a length by which reaches are longer than asked for, far above rounding.
 const MARGIN: f64 = 1e-9;
 
-/// The images of grains in a specimen; walls leave the grain itself.
+/// The images of grains in a specimen; along an axis on which it does not repeat there is the grain itself alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Images {
     bounds_mm: [f64; 3],
-    is_periodic: bool,
+    /// By axis.
+    is_periodic: [bool; 3],
 }
 
 /// One image of a grain.
@@ -32,12 +33,13 @@ pub(crate) struct Image {
 
 impl Images {
     pub(crate) fn new(specimen: &Specimen) -> Self {
-        Self::of_box(specimen.bounds_mm(), specimen.is_periodic())
+        let domain = specimen.domain();
+        Self { bounds_mm: domain.bounds_mm, is_periodic: domain.periods_mm.map(|period| period.is_some()) }
     }
 
     /// Those of a box with these edges.
     pub(crate) fn of_box(bounds_mm: [f64; 3], is_periodic: bool) -> Self {
-        Self { bounds_mm, is_periodic }
+        Self { bounds_mm, is_periodic: [is_periodic; 3] }
     }
 
     /// Those of a specimen all of whose lengths are multiplied.
@@ -122,7 +124,7 @@ impl Images {
         half_mm: f64,
     ) -> impl DoubleEndedIterator<Item = i32> + Clone + use<> {
         let length = self.bounds_mm[axis];
-        let is_periodic = self.is_periodic;
+        let is_periodic = self.is_periodic[axis];
         // One step more at both ends than the quotients say, which are rounded; the filter decides.
         let (low, high) = if is_periodic {
             let low = (-half_mm - center_mm) / length;
@@ -184,6 +186,16 @@ mod tests {
         let images = Images::new(&Specimen::Box { size_mm, boundary: Boundary::Walls });
         let found: Vec<_> = images.meeting_box([0.5, 5.0, 9.9], [1.0; 3]).collect();
         assert_eq!(found, [Image { steps: [0; 3], offset_mm: Vector3::zeros() }]);
+    }
+
+    #[test]
+    fn an_axis_between_walls_has_no_images() {
+        let images = Images { bounds_mm: [10.0; 3], is_periodic: [true, false, true] };
+        let found: Vec<_> = images.meeting_box([0.5, 0.5, 5.0], [1.0; 3]).map(|image| image.steps).collect();
+        assert_eq!(found, [[0, 0, 0], [1, 0, 0]]);
+        let itself = images.of_itself(10.5).unwrap();
+        assert_eq!(itself.iter().map(|image| image.steps).collect::<Vec<_>>(), [[0, 0, 1], [1, 0, 0]]);
+        assert_eq!(images.most_steps(1.0), [1, 0, 1]);
     }
 
     #[test]

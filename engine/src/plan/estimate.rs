@@ -11,7 +11,7 @@ use crate::elementary::log10;
 use crate::methods::edmd::Expected;
 use crate::mix::GradedMix;
 use crate::request::{
-    Boundary, Distance, EdmdOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
+    Distance, EdmdOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
 };
 
 /// What one method is likely to do with a mix.
@@ -110,7 +110,7 @@ impl<'a> Case<'a> {
         };
         let cube = moment(0.5 * most, 3);
         let mean = cube / moment(0.5 * most, 2);
-        (cube / moment(0.0, 3), walls_per_mm(&self.request.specimen) * mean)
+        (cube / moment(0.0, 3), self.request.specimen.domain().walls_per_mm() * mean)
     }
 
     pub(super) fn methods(&self) -> MethodEstimates {
@@ -249,7 +249,11 @@ fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64)
     for (d, _) in &mut sizes {
         *d = enlarged(*d);
     }
-    Features::new(&sizes, [mix.d_min_mm, mix.d_max_mm].map(enlarged), walls_per_mm(&request.specimen))
+    Features::new(
+        &sizes,
+        [mix.d_min_mm, mix.d_max_mm].map(enlarged),
+        request.specimen.domain().walls_per_mm(),
+    )
 }
 
 /// Volume that enlarged grains may fill: the specimen, widened at walls that let grains come
@@ -259,22 +263,7 @@ fn room_mm3(request: &PackingRequest, rule: &DistanceRule, d_max: f64) -> f64 {
         return request.specimen.volume_mm3();
     }
     let wider = (rule.gap_mm(d_max, d_max) / 2.0 - rule.wall_gap_mm(d_max)).max(0.0);
-    match request.specimen {
-        Specimen::Box { size_mm, .. } => size_mm.iter().map(|l| l + 2.0 * wider).product(),
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let diameter = diameter_mm + 2.0 * wider;
-            std::f64::consts::FRAC_PI_4 * diameter * diameter * (height_mm + 2.0 * wider)
-        }
-    }
-}
-
-/// Surface of the walls over the volume.
-fn walls_per_mm(specimen: &Specimen) -> f64 {
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => 0.0,
-        Specimen::Box { size_mm, .. } => size_mm.iter().map(|length| 2.0 / length).sum(),
-        Specimen::Cylinder { diameter_mm, height_mm } => 4.0 / diameter_mm + 2.0 / height_mm,
-    }
+    request.specimen.with_lengths(|length| length + 2.0 * wider).volume_mm3()
 }
 
 /// Three significant digits, rounded down: a proposal should keep what it promises.

@@ -25,7 +25,7 @@ use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, GradingFigures, curve, deviation, figures_in_specimen};
 use crate::request::{
-    Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation, Specimen,
+    Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation,
 };
 pub(crate) use densest::Drawing;
 use estimate::Case;
@@ -367,32 +367,13 @@ fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule)
     let d = mix.d_max_mm;
     let wall = rule.wall_gap_mm(d);
     let needed = if request.specimen.is_periodic() { d + rule.gap_mm(d, d) } else { d + 2.0 * wall };
-    let fits = |length: f64| needed <= length;
-    let refuse = |pointer: &str, length: f64| {
-        let with = if needed > d { format!(" ({needed} mm with its distance)") } else { String::new() };
-        Err(PlanError::Invalid(vec![FieldError {
-            pointer: pointer.into(),
-            detail: format!("{length} mm is too small: the largest grain is {d} mm{with}, and must fit"),
-        }]))
+    let Some((pointer, length)) = request.specimen.lengths().into_iter().find(|&(_, length)| needed > length)
+    else {
+        return Ok(());
     };
-    match request.specimen {
-        Specimen::Box { size_mm, .. } => {
-            for (axis, &length) in size_mm.iter().enumerate() {
-                if !fits(length) {
-                    return refuse(&format!("/specimen/size_mm/{axis}"), length);
-                }
-            }
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            if !fits(diameter_mm) {
-                return refuse("/specimen/diameter_mm", diameter_mm);
-            }
-            if !fits(height_mm) {
-                return refuse("/specimen/height_mm", height_mm);
-            }
-        }
-    }
-    Ok(())
+    let with = if needed > d { format!(" ({needed} mm with its distance)") } else { String::new() };
+    let detail = format!("{length} mm is too small: the largest grain is {d} mm{with}, and must fit");
+    Err(invalid(&pointer, detail))
 }
 
 /// A single grain has a largest distance only where that to the walls grows with it.

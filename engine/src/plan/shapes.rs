@@ -149,16 +149,8 @@ pub(super) fn check_largest(
     if parts.iter().all(|&part| shapes.any(part, size, ellipsoid_fits, polyhedron_fits)) {
         return Ok(());
     }
-    let (pointer, length) = match request.specimen {
-        Specimen::Box { size_mm, .. } => {
-            let shortest = (0..3).min_by(|&i, &j| size_mm[i].total_cmp(&size_mm[j])).unwrap_or(0);
-            (format!("/specimen/size_mm/{shortest}"), size_mm[shortest])
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } if diameter_mm < height_mm => {
-            ("/specimen/diameter_mm".to_owned(), diameter_mm)
-        }
-        Specimen::Cylinder { height_mm, .. } => ("/specimen/height_mm".to_owned(), height_mm),
-    };
+    let shortest = specimen.lengths().into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b));
+    let (pointer, length) = shortest.unwrap_or_default();
     let measure = match shapes.measure() {
         SizeMeasure::Sieve => "sieve size",
         SizeMeasure::Equivalent => "equivalent diameter",
@@ -210,25 +202,20 @@ fn fits(grain: &Ellipsoid, specimen: &Specimen, rule: &DistanceRule) -> bool {
     let [a, b, c]: [f64; 3] = grain.semi_axes_mm().into();
     let d = grain.equivalent_diameter_mm();
     let wall = rule.wall_gap_mm(d);
-    match *specimen {
-        // From its own image it keeps a gap along every edge.
-        Specimen::Box { size_mm, .. } if specimen.is_periodic() => {
-            size_mm.iter().all(|length| thinnest_mm(grain, rule) <= *length)
-        }
-        // The squared half-widths of the box around a turned ellipsoid are the diagonal of a matrix with the
-        // eigenvalues a², b², c²: all that these majorize (Schur and Horn).
-        Specimen::Box { size_mm, .. } => {
-            let mut room = size_mm.map(|length| (length / 2.0 - wall).max(0.0).powi(2));
-            sorting::ascending(&mut room);
-            c * c <= room[0]
-                && b * b + c * c <= room[0] + room[1]
-                && a * a + b * b + c * c <= room.iter().sum()
-        }
-        // No shadow is narrower than b in its longer direction.
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            b <= diameter_mm / 2.0 - wall && c <= height_mm / 2.0 - wall
-        }
+    let domain = specimen.domain();
+    // From its own image it keeps a gap along every edge.
+    if domain.is_periodic() {
+        return domain.bounds_mm.iter().all(|length| thinnest_mm(grain, rule) <= *length);
     }
+    // No shadow is narrower than b in its longer direction.
+    if let Some(lateral) = domain.lateral() {
+        return b <= lateral.radius_mm - wall && c <= domain.bounds_mm[2] / 2.0 - wall;
+    }
+    // The squared half-widths of the box around a turned ellipsoid are the diagonal of a matrix with the eigenvalues
+    // a², b², c²: all that these majorize (Schur and Horn).
+    let mut room = domain.bounds_mm.map(|length| (length / 2.0 - wall).max(0.0).powi(2));
+    sorting::ascending(&mut room);
+    c * c <= room[0] && b * b + c * c <= room[0] + room[1] && a * a + b * b + c * c <= room.iter().sum()
 }
 
 /// Whether a polyhedron may fit into a specimen in some orientation; `true` may be wrong.
@@ -244,20 +231,19 @@ fn may_fit(
     let d = grain.equivalent_diameter_mm();
     let thin = |room: f64| 2.0 * grain.template.inner_radius() * grain.scale_mm <= room;
     let walls = 2.0 * rule.wall_gap_mm(d);
-    match *specimen {
-        Specimen::Box { size_mm, .. } if specimen.is_periodic() => {
-            size_mm.into_iter().all(|length| thinnest_of_polyhedron_mm(grain, rule) <= length)
-        }
-        Specimen::Box { size_mm, .. } => {
-            let mut room = size_mm.map(|length| (length - walls) * (1.0 + ROUNDING));
-            sorting::ascending(&mut room);
-            let diagonal = room.iter().map(|length| length.max(0.0).powi(2)).sum::<f64>().sqrt();
-            thin(room[0])
-                && grain.template.length() * grain.scale_mm <= diagonal
-                && sieve_mm.is_none_or(|sieve| sieve <= room[1])
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => thin(diameter_mm.min(height_mm) - walls),
+    let domain = specimen.domain();
+    if domain.is_periodic() {
+        return domain.bounds_mm.into_iter().all(|length| thinnest_of_polyhedron_mm(grain, rule) <= length);
     }
+    if domain.lateral().is_some() {
+        return thin(domain.bounds_mm.into_iter().fold(f64::INFINITY, f64::min) - walls);
+    }
+    let mut room = domain.bounds_mm.map(|length| (length - walls) * (1.0 + ROUNDING));
+    sorting::ascending(&mut room);
+    let diagonal = room.iter().map(|length| length.max(0.0).powi(2)).sum::<f64>().sqrt();
+    thin(room[0])
+        && grain.template.length() * grain.scale_mm <= diagonal
+        && sieve_mm.is_none_or(|sieve| sieve <= room[1])
 }
 
 #[cfg(test)]

@@ -86,10 +86,5 @@ fn scaled(specimen: Specimen, factor: f64) -> Specimen {
         let per_mm = 10.0_f64.powi(2 - log10(mm * factor).floor() as i32);
         (mm * factor * per_mm).ceil() / per_mm
     };
-    match specimen {
-        Specimen::Box { size_mm, boundary } => Specimen::Box { size_mm: size_mm.map(length), boundary },
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            Specimen::Cylinder { diameter_mm: length(diameter_mm), height_mm: length(height_mm) }
-        }
-    }
+    specimen.with_lengths(length)
 }

@@ -190,6 +190,32 @@ pub enum Specimen {
     },
 }
 
+impl Specimen {
+    /// Its lengths in mm, each with its pointer in a request.
+    #[must_use]
+    pub fn lengths(&self) -> Vec<(String, f64)> {
+        match *self {
+            Self::Box { size_mm, .. } => {
+                (0..3).map(|axis| (format!("/specimen/size_mm/{axis}"), size_mm[axis])).collect()
+            }
+            Self::Cylinder { diameter_mm, height_mm } => {
+                vec![("/specimen/diameter_mm".into(), diameter_mm), ("/specimen/height_mm".into(), height_mm)]
+            }
+        }
+    }
+
+    /// The same specimen with other lengths.
+    #[must_use]
+    pub fn with_lengths(&self, of: impl Fn(f64) -> f64) -> Self {
+        match *self {
+            Self::Box { size_mm, boundary } => Self::Box { size_mm: size_mm.map(of), boundary },
+            Self::Cylinder { diameter_mm, height_mm } => {
+                Self::Cylinder { diameter_mm: of(diameter_mm), height_mm: of(height_mm) }
+            }
+        }
+    }
+}
+
 /// What the faces of a box are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

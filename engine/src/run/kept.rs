@@ -31,10 +31,11 @@ pub(super) fn set_distance(
         return Ok(());
     };
     let mut least_mm = smallest_gap_mm(spheres, specimen, told_mm)?;
-    if wall_gap_mm.is_none() && !specimen.is_periodic() {
+    let domain = specimen.domain();
+    if wall_gap_mm.is_none() && domain.has_walls() {
         // Half of the distance is kept to the walls.
         for (row, d) in spheres.d_mm.iter().enumerate() {
-            let clear = specimen.clearance_reaching_all(spheres.center(row), [0.0; 3]);
+            let clear = domain.clearance_reaching_all(spheres.center(row), [0.0; 3]);
             least_mm = least_mm.min(2.0 * (clear - d / 2.0));
         }
     }

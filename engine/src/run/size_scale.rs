@@ -16,6 +16,7 @@
 use crate::arrays;
 use crate::arrays::Each as _;
 use crate::distance::DistanceRule;
+use crate::domain::{Domain, Face, Lateral};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, norm, scaled};
 use crate::geometry::cells::Octaves;
@@ -111,9 +112,10 @@ fn of_spheres(
     // What the differences of coordinates are rounded by.
     let rounding_mm = ROUNDING_SPHERES * bounds.iter().sum::<f64>();
     let mut best = most;
-    if !specimen.is_periodic() {
+    let domain = specimen.domain();
+    if domain.has_walls() {
         for (row, &d) in spheres.d_mm.iter().enumerate() {
-            let distance_mm = specimen.clearance_reaching_all(spheres.center(row), [0.0; 3]) - rounding_mm;
+            let distance_mm = domain.clearance_reaching_all(spheres.center(row), [0.0; 3]) - rounding_mm;
             best = best.min(Gap::of_wall(rule, d).scale(distance_mm, d / 2.0));
         }
     }
@@ -156,10 +158,11 @@ fn of_solids(
         diameters.push(shape.equivalent_diameter_mm());
     }
     let mut best = most;
-    if !specimen.is_periodic() {
+    let domain = specimen.domain();
+    if domain.has_walls() {
         for (row, body) in turned.iter().enumerate() {
             let gap = Gap::of_wall(rule, diameters[row]);
-            best = best.min(between_walls(body, around.center(row), specimen, &gap, best));
+            best = best.min(between_walls(body, around.center(row), &domain, &gap, best));
         }
     }
     let gap_mm = |row: usize| Gap::of_pair(rule, diameters[row], diameters[row]).at(most);
@@ -226,37 +229,33 @@ impl<T: Turned> Pair<'_, T> {
 }
 
 /// The largest scale, at most `most`, at which a grain keeps its gap from the walls.
-fn between_walls<T: Turned>(grain: &T, center: Vector, specimen: &Specimen, gap: &Gap, most: f64) -> f64 {
-    let planes = |axis: usize, length: f64| {
-        let n = arrays::from_fn(|a| if a == axis { 1.0 } else { 0.0 });
-        let low = gap.scale(center[axis], grain.support_back_mm(n));
-        low.min(gap.scale(length - center[axis], grain.support_mm(n)))
-    };
-    match *specimen {
-        Specimen::Box { size_mm: [x, y, z], .. } => {
-            most.min(planes(0, x)).min(planes(1, y)).min(planes(2, z)).max(0.0)
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let most = most.min(planes(2, height_mm)).max(0.0);
-            let axis = diameter_mm / 2.0;
-            let is_inside = |scale: f64| {
-                let offset = [center[0] - axis, center[1] - axis].each(|x| x / scale);
-                scale * grain.reach_across_mm(offset).0 + gap.at(scale) <= axis
-            };
-            if most <= 0.0 || is_inside(most) {
-                return most;
-            }
-            let (mut low, mut high) = (0.0, most);
-            for _ in 0..MOST_STEPS {
-                if high - low <= BRACKET * high {
-                    break;
-                }
-                let middle = 0.5 * (low + high);
-                if is_inside(middle) { low = middle } else { high = middle }
-            }
-            low
+fn between_walls<T: Turned>(grain: &T, center: Vector, domain: &Domain, gap: &Gap, most: f64) -> f64 {
+    let mut most = most;
+    for wall in domain.walls() {
+        if let Face::Plane(plane) = wall {
+            let n = arrays::from_fn(|a| if a == plane.axis { 1.0 } else { 0.0 });
+            let reach = if plane.is_low { grain.support_back_mm(n) } else { grain.support_mm(n) };
+            most = most.min(gap.scale(plane.distance_mm(center), reach));
         }
     }
+    let most = most.max(0.0);
+    let Some(Lateral { center_mm, radius_mm }) = domain.lateral() else { return most };
+    let is_inside = |scale: f64| {
+        let offset = [0, 1].each(|a| (center[a] - center_mm[a]) / scale);
+        scale * grain.reach_across_mm(offset).0 + gap.at(scale) <= radius_mm
+    };
+    if most <= 0.0 || is_inside(most) {
+        return most;
+    }
+    let (mut low, mut high) = (0.0, most);
+    for _ in 0..MOST_STEPS {
+        if high - low <= BRACKET * high {
+            break;
+        }
+        let middle = 0.5 * (low + high);
+        if is_inside(middle) { low = middle } else { high = middle }
+    }
+    low
 }
 
 /// Pairs of grains that may touch, by the spheres around them; in a periodic box with all their images.

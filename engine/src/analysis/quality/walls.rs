@@ -12,7 +12,7 @@ use super::{Counter, QualityError};
 use crate::control::Control;
 use crate::mix::sphere_volume;
 use crate::packing::Spheres;
-use crate::request::{Boundary, Specimen};
+use crate::request::Specimen;
 use crate::sorting;
 
 /// Bounds of the layers are left out beyond this share of the distance from the walls to the middle.
@@ -122,17 +122,14 @@ pub(super) fn layers(
 
 /// The points that are at least as far from all walls; `None` without walls.
 fn within(specimen: &Specimen, depth: f64) -> Option<Prism> {
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => None,
-        Specimen::Box { size_mm: [x, y, z], .. } => Some(Prism {
-            section: Section::Rectangle { low: [depth; 2], high: [x - depth, y - depth] },
-            low: depth,
-            high: z - depth,
-        }),
-        Specimen::Cylinder { diameter_mm, height_mm } => Some(Prism {
-            section: Section::Disc { center: [diameter_mm / 2.0; 2], radius: diameter_mm / 2.0 - depth },
-            low: depth,
-            high: height_mm - depth,
-        }),
+    let domain = specimen.domain();
+    if !domain.has_walls() {
+        return None;
     }
+    let [x, y, z] = domain.bounds_mm;
+    let section = match domain.lateral() {
+        None => Section::Rectangle { low: [depth; 2], high: [x - depth, y - depth] },
+        Some(lateral) => Section::Disc { center: lateral.center_mm, radius: lateral.radius_mm - depth },
+    };
+    Some(Prism { section, low: depth, high: z - depth })
 }

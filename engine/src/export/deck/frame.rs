@@ -26,7 +26,7 @@ impl Frame {
             [u, v] => [bounds_mm[u], bounds_mm[v], thickness_mm],
             _ => bounds_mm,
         };
-        Self { axes, size_mm, has_free_sides: matches!(specimen, Specimen::Cylinder { .. }) }
+        Self { axes, size_mm, has_free_sides: specimen.domain().lateral().is_some() }
     }
 
     /// That of a deck that was made.

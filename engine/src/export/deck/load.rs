@@ -81,10 +81,10 @@ impl Load {
         }
     }
 
-    /// Whether a specimen can have it: faces that are planes carry loads, the lateral surface of a cylinder none.
+    /// Whether a specimen can have it: faces that are planes carry loads, a curved surface none.
     #[must_use]
     pub fn fits(self, specimen: &Specimen) -> bool {
-        !matches!(specimen, Specimen::Cylinder { .. }) || matches!(self, Self::UniaxialZ | Self::Temperature)
+        specimen.domain().lateral().is_none() || matches!(self, Self::UniaxialZ | Self::Temperature)
     }
 
     /// Whether it acts in the plane of a cut across that axis.

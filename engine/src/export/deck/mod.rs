@@ -47,7 +47,7 @@ use crate::control::{Control, Part};
 use crate::memory::reserved;
 use crate::plan::Limits;
 use crate::request::decode::Object;
-use crate::request::{Axis, Boundary, FieldError, GrainKind, Material, Materials, Specimen};
+use crate::request::{Axis, FieldError, GrainKind, Material, Materials, Specimen};
 
 /// Name of the set of nodes of all faces, whose displacements and reactions a deck prints.
 pub const PRINTED_SET: &str = load::ALL_FACES;
@@ -192,7 +192,7 @@ fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<
 fn check_cut(specimen: &Specimen, load: Load, own: &CutElements, limits: &Limits) -> Result<(), ExportError> {
     let invalid =
         |pointer: &str, detail: String| Err(ExportError::Invalid(vec![FieldError::new(pointer, detail)]));
-    if matches!(specimen, Specimen::Cylinder { .. }) {
+    if specimen.domain().lateral().is_some() {
         let detail = "triangles make a deck of a box alone, whose cuts have four straight edges: pack a box";
         return invalid("/elements", detail.into());
     }
@@ -344,7 +344,7 @@ impl Deck {
             mesh.check(control)?
         };
         let solid_materials = of_phases.into_iter().filter(|material| modulus(material) > 0.0);
-        if matches!(specimen, Specimen::Box { boundary: Boundary::Periodic, .. }) {
+        if specimen.is_periodic() {
             warnings.push(
                 "The box is periodic, but the deck puts it between plates: its stiffness is that of the cell that is \
                  mirrored at its faces."

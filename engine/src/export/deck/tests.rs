@@ -12,6 +12,7 @@ use crate::control::Unattended;
 use crate::export::voxels::{VoxelGrid, VoxelOptions, of_labels};
 use crate::export::{ExportReport, ExportRequest, ExportType};
 use crate::packing::Spheres;
+use crate::request::Boundary;
 use crate::request::decode::{At, Faults};
 use crate::request::materials::EXAMPLE;
 use crate::solution::{BALANCE, Results, Solution};

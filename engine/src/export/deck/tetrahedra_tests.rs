@@ -10,7 +10,7 @@ use crate::control::Unattended;
 use crate::export::solid::{ElementSide, SpecimenFace};
 use crate::export::{ExportRequest, ExportType};
 use crate::packing::Spheres;
-use crate::request::Specimen;
+use crate::request::{Boundary, Specimen};
 
 /// Corners of the tetrahedra around a diagonal of a hexahedron (Kuhn 1960): neighbours have the same triangles.
 const KUHN: [[usize; 4]; 6] =

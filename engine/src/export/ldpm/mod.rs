@@ -255,7 +255,7 @@ impl<'a> Lattice<'a> {
             )));
         }
         let error = (self.report.volume_over_specimen - 1.0).abs();
-        if matches!(specimen, Specimen::Box { .. }) && error > checks::TOLERANCE {
+        if specimen.domain().lateral().is_none() && error > checks::TOLERANCE {
             return Err(ExportError::CheckFailed(format!(
                 "the surface does not enclose the volume of the box (check T3, relative error {error:e})"
             )));
@@ -285,12 +285,11 @@ fn check_spacing(
     options: &LatticeOptions,
 ) -> Result<(), ExportError> {
     let spacing_mm = options.spacing * grains.d_min_mm();
-    match *specimen {
-        Specimen::Cylinder { diameter_mm, .. } if spacing_mm > diameter_mm / 2.0 => {
-            Err(ExportError::Unavailable(format!(
-                "nodes {spacing_mm} mm apart make no cylinder of {diameter_mm} mm: choose a smaller \"spacing\""
-            )))
-        }
+    match specimen.domain().lateral() {
+        Some(lateral) if spacing_mm > lateral.radius_mm => Err(ExportError::Unavailable(format!(
+            "nodes {spacing_mm} mm apart make no cylinder of {} mm: choose a smaller \"spacing\"",
+            2.0 * lateral.radius_mm
+        ))),
         _ => Ok(()),
     }
 }

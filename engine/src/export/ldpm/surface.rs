@@ -9,6 +9,7 @@
 use std::f64::consts::{PI, TAU};
 
 use crate::arrays::{self, Each as _};
+use crate::domain::Lateral;
 use crate::elementary::{asin, hypot, sin_cos};
 use crate::request::Specimen;
 
@@ -24,17 +25,16 @@ pub(super) struct Surface {
 impl Surface {
     /// The surface of a specimen that has one.
     pub(super) fn of(specimen: &Specimen) -> Self {
-        match *specimen {
-            Specimen::Box { size_mm, .. } => Self::of_box(size_mm),
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                let radius = diameter_mm / 2.0;
-                Self {
-                    vertices: Vec::new(),
-                    edges: Vec::new(),
-                    lateral: Some(LateralSurface { radius, height: height_mm }),
-                    faces: [0.0, height_mm].map(|z| Face::Disc { radius, z }).to_vec(),
-                }
-            }
+        let domain = specimen.domain();
+        let [.., height] = domain.bounds_mm;
+        let Some(Lateral { radius_mm: radius, .. }) = domain.lateral() else {
+            return Self::of_box(domain.bounds_mm);
+        };
+        Self {
+            vertices: Vec::new(),
+            edges: Vec::new(),
+            lateral: Some(LateralSurface { radius, height }),
+            faces: [0.0, height].map(|z| Face::Disc { radius, z }).to_vec(),
         }
     }
 

@@ -193,7 +193,7 @@ pub(super) fn of_plan(
         let (free, share) = (1.0 - third, a * b / (a + b));
         1.0 / free + 3.0 * second * share / (free * free) + 2.0 * (second * share).powi(2) / free.powi(3)
     };
-    let (faces, finenesses) = (specimen_area(specimen), Finenesses::new());
+    let (faces, finenesses) = (specimen.domain().surface_mm2, Finenesses::new());
     for own in &sizes {
         let fineness = finenesses.nearest(PI * own.diameter_mm / options.edge_mm(own.diameter_mm));
         triangles += own.grains * fineness.triangles() as f64;
@@ -260,17 +260,9 @@ fn sizes(classes: &[ClassPlan]) -> Vec<Size> {
     found
 }
 
-/// Area of the specimen's faces.
-fn specimen_area(specimen: &Specimen) -> f64 {
-    match *specimen {
-        Specimen::Box { size_mm: [x, y, z], .. } => 2.0 * (x * y + y * z + z * x),
-        Specimen::Cylinder { diameter_mm, height_mm } => PI * diameter_mm * (diameter_mm / 2.0 + height_mm),
-    }
-}
-
 /// Triangles of the specimen's faces where nothing is close: four to a rectangle of the edges' length.
 fn shell_triangles(specimen: &Specimen, edge_mm: f64) -> f64 {
-    4.0 * specimen_area(specimen) / (edge_mm * edge_mm)
+    4.0 * specimen.domain().surface_mm2 / (edge_mm * edge_mm)
 }
 
 /// A surface, to be refined near what it faces.

@@ -1,6 +1,6 @@
 //! The surface of the specimen: its faces, the curves where two meet, and the points where curves end.
 //!
-//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows box and cylinder, and
+//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows the faces of the domain, and
 //! the grains as something close; it must never know what is written of it.
 
 use std::collections::HashMap;
@@ -11,6 +11,7 @@ use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, make_more_than_half_a_turn};
 use crate::arrays::{self, Each as _};
+use crate::domain::{Face, FacePlane, Lateral};
 use crate::elementary::{cos, hypot, sin, sin_cos};
 use crate::request::Specimen;
 
@@ -27,10 +28,7 @@ pub(super) struct Shell {
     pub(super) axis: Option<[f64; 2]>,
 }
 
-/// Names of the faces of a box.
-const BOX: [&str; 6] = ["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"];
-/// Names of the faces of a cylinder.
-const CYLINDER: [&str; 3] = ["side", "z_min", "z_max"];
+/// Bits of the faces of a cylinder.
 const SIDE: u8 = 1;
 const BOTTOM: u8 = 2;
 const TOP: u8 = 4;
@@ -70,37 +68,39 @@ impl Division {
 impl Shell {
     /// Meshes the surface of a specimen; `None` when that would take more than `most_triangles`.
     pub(super) fn new(model: &MeshModel<'_>, division: Division, most_triangles: usize) -> Option<Self> {
-        let (names, points, triangles, faces_of, lateral): (&'static [&'static str], _, _, _, _) =
-            match *model.specimen {
-                Specimen::Box { size_mm, .. } => {
-                    let counts = size_mm.each(|length| count(length, division.edge_mm, 1));
-                    let cells = 4.0 * (counts[0] * counts[1] + counts[1] * counts[2] + counts[2] * counts[0]);
-                    if 2.0 * cells > most_triangles as f64 {
-                        return None;
-                    }
-                    let (points, triangles, faces_of) = cuboid(size_mm, counts.each(|n| n as usize));
-                    (&BOX, points, triangles, faces_of, None)
+        let domain = model.specimen.domain();
+        let ((points, triangles, faces_of), lateral) = match domain.lateral() {
+            None => {
+                let counts = domain.bounds_mm.each(|length| count(length, division.edge_mm, 1));
+                let cells = 4.0 * (counts[0] * counts[1] + counts[1] * counts[2] + counts[2] * counts[0]);
+                if 2.0 * cells > most_triangles as f64 {
+                    return None;
                 }
-                Specimen::Cylinder { diameter_mm, height_mm } => {
-                    let radius = diameter_mm / 2.0;
-                    let rings = count(radius, division.edge_mm, 2);
-                    let rows = count(height_mm, division.edge_mm, 1);
-                    if 12.0 * rings * rings + 24.0 * rings * rows > most_triangles as f64 {
-                        return None;
-                    }
-                    let vertex_radius =
-                        vertex_radius(radius, 6.0 * rings, side_gap_mm(radius, &model.bodies));
-                    let (points, triangles, faces_of) =
-                        cylinder([radius; 2], vertex_radius, height_mm, rings as usize, rows as usize);
-                    (&CYLINDER, points, triangles, faces_of, Some(([radius; 2], vertex_radius)))
+                (cuboid(domain.bounds_mm, counts.each(|n| n as usize)), None)
+            }
+            Some(Lateral { center_mm, radius_mm: radius }) => {
+                let height_mm = domain.bounds_mm[2];
+                let rings = count(radius, division.edge_mm, 2);
+                let rows = count(height_mm, division.edge_mm, 1);
+                if 12.0 * rings * rings + 24.0 * rings * rows > most_triangles as f64 {
+                    return None;
                 }
-            };
+                let vertex_radius = vertex_radius(radius, 6.0 * rings, side_gap_mm(radius, &model.bodies));
+                let made = cylinder(center_mm, vertex_radius, height_mm, rings as usize, rows as usize);
+                (made, Some((center_mm, vertex_radius)))
+            }
+        };
         let mut surface = Surface::new(points, triangles);
         let mut growing = Growing { faces_of, lateral, close: Close::new(model, division) };
         if division.size_field && !surface.refine(&mut growing, most_triangles) {
             return None;
         }
-        Some(Self { surface, faces_of: growing.faces_of, names, axis: lateral.map(|(axis, _)| axis) })
+        Some(Self {
+            surface,
+            faces_of: growing.faces_of,
+            names: domain.face_names,
+            axis: lateral.map(|(axis, _)| axis),
+        })
     }
 
     /// The face that a triangle belongs to, by bit.
@@ -196,23 +196,21 @@ impl<'a> Close<'a> {
 
 /// The walls of a specimen, each with its point nearest to `p`.
 pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
-    let flat = |axis: usize, at: f64| {
-        let mut foot = p;
-        foot[axis] = at;
-        (Wall(Other::Plane(axis, at)), foot)
-    };
-    match *specimen {
-        Specimen::Box { size_mm, .. } => (0..3).flat_map(|a| [flat(a, 0.0), flat(a, size_mm[a])]).collect(),
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let radius = diameter_mm / 2.0;
-            let (x, y) = (p[0] - radius, p[1] - radius);
+    let with_foot = |face| match face {
+        Face::Plane(FacePlane { axis, at_mm, .. }) => {
+            let mut foot = p;
+            foot[axis] = at_mm;
+            (Wall(Other::Plane(axis, at_mm)), foot)
+        }
+        Face::Lateral(Lateral { center_mm: axis, radius_mm: radius }) => {
+            let (x, y) = (p[0] - axis[0], p[1] - axis[1]);
             let from_axis = hypot(x, y);
             // A grain on the axis is as near to the lateral surface all around.
             let (x, y) = if from_axis > 0.0 { (x / from_axis, y / from_axis) } else { (1.0, 0.0) };
-            let foot = [radius + radius * x, radius + radius * y, p[2]];
-            vec![(Wall(Other::Lateral { axis: [radius; 2], radius }), foot), flat(2, 0.0), flat(2, height_mm)]
+            (Wall(Other::Lateral { axis, radius }), [axis[0] + radius * x, axis[1] + radius * y, p[2]])
         }
-    }
+    };
+    specimen.domain().faces().map(with_foot).collect()
 }
 
 /// A wall.

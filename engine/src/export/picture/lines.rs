@@ -14,42 +14,35 @@ pub(super) const EDGE_COLOR: Color = [0.012, 0.016, 0.02];
 
 /// The edges that are seen, each a chain of points.
 pub(super) fn edges(specimen: &Specimen) -> Vec<Vec<Vector>> {
-    let [x1, y1, z1] = specimen.bounds_mm();
+    let domain = specimen.domain();
+    let ([x1, y1, z1], is_round) = (domain.bounds_mm, domain.lateral().is_some());
     let (x, y, z) = (x1 / 2.0, y1 / 2.0, z1 / 2.0);
     let chain = |points: &[[f64; 3]]| points.iter().map(|&p| Vector::from(p)).collect::<Vec<_>>();
     // The three planes of the cut meet along these lines.
-    let radius_or = |of_box: f64, of_cylinder: f64| match specimen {
-        Specimen::Box { .. } => of_box,
-        Specimen::Cylinder { .. } => of_cylinder,
-    };
-    let front = radius_or(0.0, y - y1 / 2.0);
-    let side = radius_or(x1, x + x1 / 2.0);
+    let (front, side) = if is_round { (y - y1 / 2.0, x + x1 / 2.0) } else { (0.0, x1) };
     let mut edges = vec![
         chain(&[[x, y, z], [x, y, z1]]),
         chain(&[[side, y, z], [x, y, z], [x, front, z]]),
         chain(&[[side, y, z], [side, y, z1], [x, y, z1], [x, front, z1], [x, front, z]]),
     ];
-    match specimen {
-        Specimen::Box { .. } => edges.extend([
+    if is_round {
+        let eye = azimuth_of_eye();
+        edges.extend([
+            arc(specimen, z, -2.0, 0.0),
+            arc(specimen, z1, 0.0, 6.0),
+            arc(specimen, 0.0, eye - 2.0, eye + 2.0),
+        ]);
+        // The contours of the lateral surface.
+        for azimuth in [eye - 2.0, eye + 2.0] {
+            edges.push([0.0, z1].iter().filter_map(|&z| arc(specimen, z, azimuth, azimuth).pop()).collect());
+        }
+    } else {
+        edges.extend([
             chain(&[[x, 0.0, z], [x1, 0.0, z], [x1, y, z]]),
             chain(&[[x1, 0.0, z], [x1, 0.0, 0.0]]),
             chain(&[[x1, y, z1], [x1, y1, z1], [0.0, y1, z1], [0.0, 0.0, z1], [x, 0.0, z1]]),
             chain(&[[0.0, 0.0, z1], [0.0, 0.0, 0.0], [x1, 0.0, 0.0], [x1, y1, 0.0], [x1, y1, z1]]),
-        ]),
-        Specimen::Cylinder { .. } => {
-            let eye = azimuth_of_eye();
-            edges.extend([
-                arc(specimen, z, -2.0, 0.0),
-                arc(specimen, z1, 0.0, 6.0),
-                arc(specimen, 0.0, eye - 2.0, eye + 2.0),
-            ]);
-            // The contours of the lateral surface.
-            for azimuth in [eye - 2.0, eye + 2.0] {
-                edges.push(
-                    [0.0, z1].iter().filter_map(|&z| arc(specimen, z, azimuth, azimuth).pop()).collect(),
-                );
-            }
-        }
+        ]);
     }
     edges
 }

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use crate::arrays::{self, Each as _};
+use crate::domain::{Domain, Lateral};
 use crate::elementary::{atan2, cbrt, cos, hypot, sin};
 use crate::export::Model;
 use crate::geometry::images::Images;
@@ -51,9 +52,13 @@ impl View {
         let [right, up, eye] = axes();
         let size = Vector::from(specimen.bounds_mm());
         let middle = size / 2.0;
-        let half: [f64; 2] = [right, up].each(|axis| match *specimen {
-            Specimen::Box { .. } => axis.abs().dot(&middle),
-            Specimen::Cylinder { .. } => middle.x * hypot(axis.x, axis.y) + middle.z * axis.z.abs(),
+        let is_round = specimen.domain().lateral().is_some();
+        let half: [f64; 2] = [right, up].each(|axis| {
+            if is_round {
+                middle.x * hypot(axis.x, axis.y) + middle.z * axis.z.abs()
+            } else {
+                axis.abs().dot(&middle)
+            }
         });
         // Room for half the stroke of the edges.
         let margin = f64::from(pixels_long) / 400.0;
@@ -153,7 +158,7 @@ impl Hit {
 
 /// The specimen without the octant next to the eye, and its grains.
 pub(super) struct Scene<'a> {
-    specimen: Specimen,
+    domain: Domain,
     size: Vector,
     grid: SceneGrid<'a>,
     /// Smallest and largest diameter.
@@ -173,8 +178,8 @@ impl<'a> Scene<'a> {
             .diameters_mm()
             .fold([f64::INFINITY, 0.0], |[low, high]: [f64; 2], d| [low.min(d), high.max(d)]);
         let fade = FADE_PER_FREE_PATH * (model.specimen.volume_mm3() / sections).min(size.norm());
-        let specimen = *model.specimen;
-        Ok(Self { specimen, size, grid: SceneGrid::new(grains, size), diameters, fade, eye: axes()[2] })
+        let domain = model.specimen.domain();
+        Ok(Self { domain, size, grid: SceneGrid::new(grains, size), diameters, fade, eye: axes()[2] })
     }
 
     /// Number of grains, images included.
@@ -212,7 +217,7 @@ impl<'a> Scene<'a> {
             let at = at + direction * t;
             return Hit::Cut { axis, at, grain: self.grid.around(&at) };
         }
-        if let (true, Some(axis)) = (self.specimen.is_periodic(), face)
+        if let (true, Some(axis)) = (self.domain.is_periodic(), face)
             && let Some(grain) = self.grid.around(&at)
         {
             return Hit::Face { axis, at, grain };
@@ -227,17 +232,16 @@ impl<'a> Scene<'a> {
     /// Where a line enters and leaves the specimen, and the axis of the face by which it enters, if that is plane.
     fn crossing(&self, from: &Vector, direction: &Vector) -> Option<(f64, f64, Option<usize>)> {
         let (mut enter, mut leave, mut face) = (f64::NEG_INFINITY, f64::INFINITY, None);
-        let is_cylinder = matches!(self.specimen, Specimen::Cylinder { .. });
-        for a in if is_cylinder { 2..3 } else { 0..3 } {
+        let lateral = self.domain.lateral();
+        for a in if lateral.is_some() { 2..3 } else { 0..3 } {
             let (low, high) = (-from[a] / direction[a], (self.size[a] - from[a]) / direction[a]);
             if low.min(high) > enter {
                 (enter, face) = (low.min(high), Some(a));
             }
             leave = leave.min(low.max(high));
         }
-        if is_cylinder {
-            let radius = self.size.x / 2.0;
-            let (x, y) = (from.x - radius, from.y - radius);
+        if let Some(Lateral { center_mm, radius_mm: radius }) = lateral {
+            let (x, y) = (from.x - center_mm[0], from.y - center_mm[1]);
             let a = direction.x * direction.x + direction.y * direction.y;
             let b = x * direction.x + y * direction.y;
             let root = b * b - a * (x * x + y * y - radius * radius);
@@ -259,8 +263,8 @@ impl<'a> Scene<'a> {
         if self.size.z - p.z < margin {
             return Vector::z();
         }
-        if matches!(self.specimen, Specimen::Cylinder { .. }) {
-            return Vector::new(p.x - self.size.x / 2.0, p.y - self.size.y / 2.0, 0.0).normalize();
+        if let Some(Lateral { center_mm: [x, y], .. }) = self.domain.lateral() {
+            return Vector::new(p.x - x, p.y - y, 0.0).normalize();
         }
         if self.size.x - p.x < margin { Vector::x() } else { -Vector::y() }
     }

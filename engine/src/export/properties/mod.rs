@@ -47,7 +47,7 @@ use crate::homogenization::{
 };
 use crate::plan::Limits;
 use crate::request::decode::Object;
-use crate::request::{Boundary, FieldError, Material, Materials, Specimen};
+use crate::request::{FieldError, Material, Materials, Specimen};
 
 /// Length of a document with all kinds, and of what a file of fields has beside its voxels.
 const DOCUMENT_BYTES: u64 = 9000;
@@ -167,14 +167,14 @@ impl Export for PropertyOptions {
 /// [`ExportError::Unavailable`] for a cylinder, [`ExportError::Invalid`] for an option that the specimen does not have,
 /// [`ExportError::TooLarge`].
 fn check(specimen: &Specimen, options: &PropertyOptions, limits: &Limits) -> Result<(), ExportError> {
-    let Specimen::Box { boundary, .. } = specimen else {
+    if specimen.domain().lateral().is_some() {
         return Err(ExportError::Unavailable(
             "effective properties are those of a periodic cell, which a cylinder is not: pack the mix in a box, best \
              with \"boundary\": \"periodic\""
                 .into(),
         ));
-    };
-    if *boundary == Boundary::Periodic && options.walls == Walls::Mirrored {
+    }
+    if specimen.is_periodic() && options.walls == Walls::Mirrored {
         return Err(invalid("/walls", "mirrored is for boxes with walls: a periodic box is a cell as it is"));
     }
     let grid = VoxelGrid::of_cells(specimen, options.cells);

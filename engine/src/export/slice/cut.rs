@@ -6,12 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Axis, Figure, SliceReport};
 use crate::arrays::Each as _;
+use crate::domain;
 use crate::export::Model;
 use crate::geometry::images::Images;
 use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::OutOfMemory;
 use crate::request::GrainKind;
-use crate::request::Specimen;
 
 /// The part of a plane inside the specimen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -95,32 +95,20 @@ impl Cut {
     /// # Errors
     /// The system refused memory.
     pub(crate) fn new(model: &Model<'_>, axis: Axis, at_mm: f64) -> Result<Self, OutOfMemory> {
-        let bounds = model.specimen.bounds_mm();
         let [u, v] = axis.plane().each(Axis::index);
-        let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
-        let outline = match (model.specimen, axis) {
-            (Specimen::Cylinder { diameter_mm, .. }, Axis::Z) => {
-                Outline::Disc { center_mm: [diameter_mm / 2.0; 2], radius_mm: diameter_mm / 2.0 }
-            }
-            (Specimen::Cylinder { diameter_mm, height_mm }, _) => {
-                let half_chord = (at_mm * (diameter_mm - at_mm)).max(0.0).sqrt();
-                let middle = diameter_mm / 2.0;
-                Outline::Rectangle {
-                    u_mm: [middle - half_chord, middle + half_chord],
-                    v_mm: [0.0, *height_mm],
-                }
-            }
-            (Specimen::Box { .. }, _) => {
-                Outline::Rectangle { u_mm: [0.0, bounds[u]], v_mm: [0.0, bounds[v]] }
-            }
+        let domain = model.specimen.domain();
+        let bounds = domain.bounds_mm;
+        let outline = match domain.outline(axis.index(), at_mm) {
+            domain::Outline::Rectangle { u_mm, v_mm } => Outline::Rectangle { u_mm, v_mm },
+            domain::Outline::Disc { center_mm, radius_mm } => Outline::Disc { center_mm, radius_mm },
         };
-        let periodic = model.specimen.is_periodic();
+        let periodic = domain.is_periodic();
         let mut cut = Self {
             axis,
             at_mm,
             outline,
             periodic,
-            lateral: cylinder && axis != Axis::Z,
+            lateral: domain.lateral().is_some() && axis != Axis::Z,
             kind: model.grains.kind(),
             sections: Vec::new(),
         };

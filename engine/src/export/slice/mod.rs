@@ -360,7 +360,7 @@ fn check_place(specimen: &Specimen, options: &CutOptions) -> Result<(), ExportEr
     let at_mm = options.at_mm(specimen);
     let length = specimen.bounds_mm()[options.axis.index()];
     // A plane that touches a cylinder's lateral surface cuts out a line: nothing has a share of its area.
-    let touches = matches!(specimen, Specimen::Cylinder { .. }) && options.axis != Axis::Z;
+    let touches = specimen.domain().lateral().is_some() && options.axis != Axis::Z;
     let (inside, bound) = if touches {
         (at_mm > 0.0 && at_mm < length, format!("greater than 0 and less than {length} mm"))
     } else {

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::VoxelOptions;
 use super::options::DEFAULT_CELLS;
 use crate::arrays::Each as _;
+use crate::domain::Lateral;
 use crate::request::Specimen;
 
 /// A grid that fills the specimen's bounding box exactly.
@@ -47,14 +48,13 @@ impl VoxelGrid {
     /// Leaves out what lies outside of a cylinder.
     fn cut(mut self, specimen: &Specimen) -> Self {
         // A grid that will be refused for its size has no rows to speak of.
-        if let Specimen::Cylinder { diameter_mm, .. } = *specimen
+        if let Some(Lateral { center_mm: [x, y], radius_mm: radius }) = specimen.domain().lateral()
             && self.shape[1] <= super::MAX_CELLS as usize
         {
-            let radius = diameter_mm / 2.0;
             let inside = |j: usize| {
-                let dy = self.center(1, j) - radius;
+                let dy = self.center(1, j) - y;
                 let half_chord = ((radius - dy) * (radius + dy)).max(0.0).sqrt();
-                self.centers_within(0, radius - half_chord, radius + half_chord)
+                self.centers_within(0, x - half_chord, x + half_chord)
             };
             self.rows = Some((0..self.shape[1]).map(inside).collect());
         }

@@ -228,7 +228,7 @@ impl Export for VoxelOptions {
         out.flush().map_err(ExportError::Write)?;
         let volume_mm3 = model.specimen.volume_mm3();
         let sampled_mm3 = sampled_mm3.unwrap_or(found.sampled_mm3);
-        let cylinder = matches!(model.specimen, Specimen::Cylinder { .. });
+        let cylinder = model.specimen.domain().lateral().is_some();
         Ok(VoxelReport {
             shape: grid.shape.each(|n| n as u64),
             spacing_mm: grid.spacing_mm,

@@ -310,7 +310,7 @@ impl VoxelOptions {
 
     /// Refuses a specimen that the reader cannot compute.
     pub(super) fn check_specimen(&self, specimen: &Specimen) -> Result<(), ExportError> {
-        if self.reader == Some(Reader::Fans) && matches!(specimen, Specimen::Cylinder { .. }) {
+        if self.reader == Some(Reader::Fans) && specimen.domain().lateral().is_some() {
             return Err(ExportError::Unavailable(
                 "FANS computes a periodic cell, and what is outside of a cylinder has no material: pack a box".into(),
             ));

@@ -2,8 +2,9 @@
 
 use super::contact::{rises_to_zero, used_up};
 use crate::arrays::{self, Each as _};
+use crate::domain::Lateral;
 use crate::geometry::images::Images;
-use crate::request::{Boundary, Specimen};
+use crate::request::Specimen;
 
 /// Images of a periodic box reach two boxes to either side, so that even a grain as wide as the box
 /// finds all of its neighbours: a plan refuses wider ones.
@@ -39,12 +40,12 @@ const LATERAL: u32 = 6;
 
 impl Container {
     pub(crate) fn new(specimen: &Specimen) -> Self {
-        match *specimen {
-            Specimen::Box { size_mm, boundary: Boundary::Walls } => Self::Box { size_mm },
-            Specimen::Box { size_mm, boundary: Boundary::Periodic } => Self::Periodic { size_mm },
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                Self::Cylinder { radius_mm: diameter_mm / 2.0, height_mm }
-            }
+        let domain = specimen.domain();
+        let size_mm = domain.bounds_mm;
+        match domain.lateral() {
+            Some(Lateral { radius_mm, .. }) => Self::Cylinder { radius_mm, height_mm: size_mm[2] },
+            None if domain.has_walls() => Self::Box { size_mm },
+            None => Self::Periodic { size_mm },
         }
     }
 

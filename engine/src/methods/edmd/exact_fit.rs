@@ -9,6 +9,7 @@
 
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::domain::{Domain, Lateral};
 use crate::elementary::{hypot, log10};
 use crate::request::Specimen;
 
@@ -24,13 +25,12 @@ const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
 const DIGITS: i32 = 9;
 
 /// The constraints of grains in a specimen.
-struct Constraints<'a> {
-    specimen: &'a Specimen,
+struct Constraints {
+    domain: Domain,
     /// Centre to wall, in mm, by grain.
     wall_mm: Vec<f64>,
     /// Pairs that can come into contact, with the distance of their centres in contact, in mm.
     pairs: Vec<(usize, usize, f64)>,
-    bounds_mm: [f64; 3],
 }
 
 /// Moves centres, at most a little, to where grains of these diameters keep their rule exactly; `None` where that
@@ -55,10 +55,10 @@ pub(super) fn settle(
     [centers, rounded].into_iter().find(|centers| constraints.are_kept(centers))
 }
 
-impl<'a> Constraints<'a> {
-    fn new(centers: &[[f64; 3]], diameters: &[f64], specimen: &'a Specimen, rule: &DistanceRule) -> Self {
+impl Constraints {
+    fn new(centers: &[[f64; 3]], diameters: &[f64], specimen: &Specimen, rule: &DistanceRule) -> Self {
         let wall_mm = diameters.iter().map(|&d| d / 2.0 + rule.wall_gap_mm(d)).collect();
-        let mut constraints = Self { specimen, wall_mm, pairs: Vec::new(), bounds_mm: specimen.bounds_mm() };
+        let mut constraints = Self { domain: specimen.domain(), wall_mm, pairs: Vec::new() };
         for (j, &d_j) in diameters.iter().enumerate() {
             for (i, &d_i) in diameters[..j].iter().enumerate() {
                 let contact = (d_i + d_j) / 2.0 + rule.gap_mm(d_i, d_j);
@@ -74,8 +74,7 @@ impl<'a> Constraints<'a> {
     fn separation(&self, p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
         arrays::from_fn(|a| {
             let step = p[a] - q[a];
-            let period = self.bounds_mm[a];
-            if self.specimen.is_periodic() { step - period * (step / period).round() } else { step }
+            self.domain.periods_mm[a].map_or(step, |period| step - period * (step / period).round())
         })
     }
 
@@ -103,26 +102,24 @@ impl<'a> Constraints<'a> {
     /// the same point in the box.
     fn inside(&self, p: [f64; 3], wall: f64) -> [f64; 3] {
         let between = |a: usize| {
-            let (low, high) = (wall, self.bounds_mm[a] - wall);
-            if low < high { p[a].clamp(low, high) } else { self.bounds_mm[a] / 2.0 }
+            let (low, high) = (wall, self.domain.bounds_mm[a] - wall);
+            if low < high { p[a].clamp(low, high) } else { self.domain.bounds_mm[a] / 2.0 }
         };
-        match *self.specimen {
-            Specimen::Box { .. } if self.specimen.is_periodic() => {
-                arrays::from_fn(|a| p[a].rem_euclid(self.bounds_mm[a]))
-            }
-            Specimen::Box { .. } => [between(0), between(1), between(2)],
-            Specimen::Cylinder { diameter_mm, .. } => {
-                let axis = diameter_mm / 2.0;
-                let (x, y) = (p[0] - axis, p[1] - axis);
-                let (far, most) = (hypot(x, y), (axis - wall).max(0.0));
+        let along =
+            |a: usize| self.domain.periods_mm[a].map_or_else(|| between(a), |period| p[a].rem_euclid(period));
+        match self.domain.lateral() {
+            None => arrays::from_fn(along),
+            Some(Lateral { center_mm: [axis_x, axis_y], radius_mm }) => {
+                let (x, y) = (p[0] - axis_x, p[1] - axis_y);
+                let (far, most) = (hypot(x, y), (radius_mm - wall).max(0.0));
                 let share = if far > most { most / far } else { 1.0 };
-                [axis + share * x, axis + share * y, between(2)]
+                [axis_x + share * x, axis_y + share * y, along(2)]
             }
         }
     }
 
     fn rounded(&self, centers: &[[f64; 3]]) -> Vec<[f64; 3]> {
-        let longest = self.bounds_mm.into_iter().fold(0.0, f64::max);
+        let longest = self.domain.bounds_mm.into_iter().fold(0.0, f64::max);
         let per_mm = 10.0_f64.powi(DIGITS - log10(longest).floor() as i32);
         let rounded = |p: &[f64; 3]| p.each(|x| (x * per_mm).round() / per_mm);
         centers.iter().zip(&self.wall_mm).map(|(p, &wall)| self.inside(rounded(p), wall)).collect()
@@ -130,11 +127,11 @@ impl<'a> Constraints<'a> {
 
     /// Whether every constraint is kept, by what the check computes or more strictly.
     fn are_kept(&self, centers: &[[f64; 3]]) -> bool {
-        let walls = self.specimen.is_periodic()
+        let walls = !self.domain.has_walls()
             || centers
                 .iter()
                 .zip(&self.wall_mm)
-                .all(|(&p, &wall)| self.specimen.clearance_reaching_all(p, [0.0; 3]) >= wall);
+                .all(|(&p, &wall)| self.domain.clearance_reaching_all(p, [0.0; 3]) >= wall);
         walls
             && self.pairs.iter().all(|&(i, j, contact)| {
                 let separation = self.separation(centers[i], centers[j]);

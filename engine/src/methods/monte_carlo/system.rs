@@ -15,7 +15,7 @@ use crate::gap::linear::{Vector, dot};
 use crate::geometry::images::Images;
 use crate::memory::{Blocks, OutOfMemory, collected, reserved};
 use crate::methods::image_names::ImageNames;
-use crate::request::{Boundary, Specimen};
+use crate::request::Specimen;
 use crate::shape::Pose;
 
 /// What a pair test reads of a grain.
@@ -126,12 +126,12 @@ pub(super) enum Container {
 
 impl Container {
     fn new(specimen: &Specimen) -> Self {
-        match *specimen {
-            Specimen::Box { size_mm: size, boundary: Boundary::Walls } => Self::Box { size },
-            Specimen::Box { size_mm: size, boundary: Boundary::Periodic } => Self::Periodic { size },
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                Self::Cylinder { radius: diameter_mm / 2.0, height: height_mm }
-            }
+        let domain = specimen.domain();
+        let size = domain.bounds_mm;
+        match domain.lateral() {
+            Some(lateral) => Self::Cylinder { radius: lateral.radius_mm, height: size[2] },
+            None if domain.has_walls() => Self::Box { size },
+            None => Self::Periodic { size },
         }
     }
 

@@ -10,9 +10,9 @@
 use super::End;
 use crate::arrays::{self, Each as _};
 use crate::cpu::prefetch;
+use crate::domain::Region;
 use crate::geometry::images::{Image, Images};
 use crate::memory::{OutOfMemory, push, refill};
-use crate::specimen::Region;
 
 /// A placed grain: its centre, and its part of every exclusion radius.
 pub(super) type Placed = [f64; 4];

@@ -17,8 +17,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::cells::{Cells, Placed};
 use super::voxels::{Deferred, Level, Voxel, Waiting};
 use crate::arrays::{self, Each as _};
+use crate::domain::Domain;
 use crate::memory::OutOfMemory;
-use crate::request::Specimen;
 use crate::rng::uniform;
 
 /// Deepest level of subdivision: a cell's edge over 2^30. What is left there has less volume than
@@ -69,7 +69,7 @@ impl Batch {
 /// part of the exclusion radius, and the clearance to walls, which is linear in the part.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Served<'a> {
-    pub(super) specimen: &'a Specimen,
+    pub(super) domain: &'a Domain,
     pub(super) largest_part: f64,
     pub(super) least_part: f64,
     pub(super) largest_clearance: f64,
@@ -354,12 +354,12 @@ impl Served<'_> {
     /// Whether no grain served is kept out of a cuboid by walls.
     #[inline(always)]
     fn far_from_walls(&self, center: [f64; 3], half: [f64; 3]) -> bool {
-        self.specimen.clearance_reaching_all(center, half) > self.largest_clearance
+        self.domain.clearance_reaching_all(center, half) > self.largest_clearance
     }
 
     /// The part above which walls keep grains out of a whole cuboid.
     fn outside_above(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
-        let clearance = self.specimen.clearance_reaching_some(center, half) * COVERED_MARGIN;
+        let clearance = self.domain.clearance_reaching_some(center, half) * COVERED_MARGIN;
         if clearance >= self.largest_clearance {
             return f64::INFINITY;
         }

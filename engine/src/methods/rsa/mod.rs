@@ -26,6 +26,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::control::{Control, Progress, Step};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
+use crate::domain::Region;
 use crate::elementary::{cbrt, ln_1p};
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::choice::{Choice, MOST_DRAWS};
@@ -33,7 +34,6 @@ use crate::packing::RsaStatistics;
 use crate::request::Specimen;
 use crate::rng::uniform;
 use crate::segregation::Preference;
-use crate::specimen::Region;
 use ahead::Ahead;
 pub(crate) use cells::MAX_PLACED;
 use cells::{CellBuffers, Cells, Placed};
@@ -159,11 +159,6 @@ impl Rsa<'_> {
         self.rule.exclusion(self.diameters_mm[grain]).part_mm * ROUNDING_MARGIN
     }
 
-    /// Where the centre of a grain may lie.
-    fn region(&self, grain: usize) -> Option<Region> {
-        self.specimen.center_region(self.clearance(grain))
-    }
-
     /// What the centre of a grain keeps from the walls.
     fn clearance(&self, grain: usize) -> f64 {
         let d = self.diameters_mm[grain];
@@ -247,7 +242,8 @@ impl Run<'_> {
         let first = self.placed.len();
         let rsa = self.rsa;
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
-        let Some(region) = rsa.region(end - 1) else { return no_place };
+        let domain = rsa.specimen.domain();
+        let Some(region) = domain.center_region(rsa.clearance(end - 1)) else { return no_place };
         let part_least = rsa.part(end - 1);
         let d_least = rsa.diameters_mm[end - 1];
         let reach = rsa.rule.exclusion(d_least).placed_factor * d_least / 2.0 + part_least;
@@ -255,7 +251,7 @@ impl Run<'_> {
         let spacing = cbrt(region.volume_mm3() / (2.0 * rsa.diameters_mm.len() as f64 + 64.0));
         let edge = (CELL_EDGE * reach).max(spacing);
         let should_stop = || self.control.should_stop();
-        let periodic = rsa.specimen.is_periodic();
+        let periodic = domain.is_periodic();
         let (buffers, voxel_buffers) = std::mem::take(&mut self.buffers);
         let built = self.cpu.call(
             #[inline(always)]
@@ -266,7 +262,7 @@ impl Run<'_> {
             Err(end) => return end,
         };
         let served = Served {
-            specimen: rsa.specimen,
+            domain: &domain,
             largest_part: rsa.part(first),
             least_part: part_least,
             largest_clearance: rsa.clearance(first),
@@ -279,7 +275,7 @@ impl Run<'_> {
         let mut exactly = false;
         let mut ahead = self.draws_ahead.then(Ahead::default);
         for grain in first..end {
-            let Some(region) = rsa.region(grain) else { return no_place };
+            let Some(region) = domain.center_region(rsa.clearance(grain)) else { return no_place };
             let mut search = Search {
                 part: rsa.part(grain),
                 region,

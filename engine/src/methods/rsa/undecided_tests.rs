@@ -20,13 +20,13 @@ fn saturation_is_not_proven_where_voxels_are_left_undecided() {
         preference: None,
         threads: NonZeroUsize::MIN,
     };
-    let (part, region) = (rsa.part(0), rsa.region(0).unwrap());
+    let (part, region) = (rsa.part(0), rsa.specimen.center_region(rsa.clearance(0)).unwrap());
     let search = |reach: f64| {
         let placed = [2.0, 6.0, 10.0].map(|x| [x, 1.0, 1.0, reach - part]);
         let cells =
             Cells::build(CellBuffers::default(), region, false, 3.0, &placed, part, &|| false).unwrap();
         let served = Served {
-            specimen: &specimen,
+            domain: &specimen.domain(),
             largest_part: part,
             least_part: part,
             largest_clearance: rsa.clearance(0),

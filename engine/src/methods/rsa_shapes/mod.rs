@@ -247,13 +247,9 @@ impl<S: ConvexShape> Run<'_, S> {
         let rsa = self.rsa;
         let least = stage.inner + rsa.rule.wall_gap_mm(stage.diameters[1]);
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
-        let Some(region) = rsa.specimen.center_region(least) else { return Err(no_place) };
-        let shortest_mm = match rsa.specimen {
-            _ if rsa.specimen.is_periodic() => {
-                rsa.specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min)
-            }
-            _ => f64::INFINITY,
-        };
+        let domain = rsa.specimen.domain();
+        let Some(region) = domain.center_region(least) else { return Err(no_place) };
+        let shortest_mm = domain.periods_mm.into_iter().flatten().fold(f64::INFINITY, f64::min);
         for grain in 0..self.inserted.len() {
             let (shape, orientation) = (self.shape(grain), self.orientations[grain]);
             self.inserted[grain].cover(stage, &rsa.rule, &shape, orientation);
@@ -272,7 +268,7 @@ impl<S: ConvexShape> Run<'_, S> {
             let shape = self.shape(grain);
             let d_mm = shape.equivalent_diameter_mm();
             let wall_gap_mm = rsa.rule.wall_gap_mm(d_mm);
-            let own = rsa.specimen.center_region(shape.inner_mm() + wall_gap_mm);
+            let own = domain.center_region(shape.inner_mm() + wall_gap_mm);
             let own = own.ok_or(no_place)?;
             // The spheres in a grain and in its nearest image come closer than their gap in every orientation.
             let own_gap_mm = rsa.rule.gap_mm(d_mm, d_mm);
@@ -283,10 +279,11 @@ impl<S: ConvexShape> Run<'_, S> {
                 grain,
                 shape,
                 d_mm,
-                wall_gap_mm: wall_gap_mm + ROUNDING_MARGIN * rsa.specimen.bounds_mm().iter().sum::<f64>(),
+                wall_gap_mm: wall_gap_mm + ROUNDING_MARGIN * domain.bounds_mm.iter().sum::<f64>(),
+                domain,
                 region: own,
                 attempts_mm3: match rsa.attempts_in {
-                    AttemptsIn::Specimen => rsa.specimen.volume_mm3(),
+                    AttemptsIn::Specimen => domain.volume_mm3,
                     AttemptsIn::Reach => own.volume_mm3(),
                 },
                 attempts: 0,
@@ -422,7 +419,7 @@ impl<S: ConvexShape> Run<'_, S> {
         let body = Placed::new(&search.shape, &pose);
         // The region keeps a sphere from the walls, also where it has one place only.
         let is_sphere = search.shape.inner_mm() == search.shape.outer_mm();
-        if !is_sphere && wall_gap_mm(body.center_mm, &body.turned, rsa.specimen) < search.wall_gap_mm {
+        if !is_sphere && wall_gap_mm(body.center_mm, &body.turned, &search.domain) < search.wall_gap_mm {
             return Err(None);
         }
         let blocked = grid.any_near(cell, |grain, shift| {

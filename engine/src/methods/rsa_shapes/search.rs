@@ -2,9 +2,9 @@
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::domain::{Domain, Region};
 use crate::elementary::ln_1p;
 use crate::rng::uniform;
-use crate::specimen::Region;
 
 /// Where the centre of an attempt lies, before the grain is held against walls and other grains.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +22,7 @@ pub(super) struct Search<S> {
     pub(super) shape: S,
     pub(super) d_mm: f64,
     pub(super) wall_gap_mm: f64,
+    pub(super) domain: Domain,
     /// Where a centre is possible.
     pub(super) region: Region,
     /// Volume that attempts fall into, in mm³.

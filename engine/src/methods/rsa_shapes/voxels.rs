@@ -9,11 +9,11 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::grid::{Grid, Inserted};
 use crate::arrays::{self, Each as _};
+use crate::domain::Region;
 use crate::gap::grain::Turned;
 use crate::gap::linear::Vector;
 use crate::memory::{OutOfMemory, make_room};
 use crate::rng::uniform;
-use crate::specimen::Region;
 
 /// Deepest level: a cell's edge over 2^20. What is left there counts as a voxel for good.
 const MOST_LEVELS: usize = 20;

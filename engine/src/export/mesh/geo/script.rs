@@ -4,6 +4,7 @@ use std::io::{self, BufWriter, Write};
 
 use super::dilated::Dilated;
 use crate::arrays::Each as _;
+use crate::domain::Lateral;
 use crate::export::mesh::bodies::{Bodies, MeshModel, PlacedPolyhedron};
 use crate::export::mesh::grain::{self, Faced, Grains};
 use crate::export::mesh::options::{SurfaceOptions, VolumeCorrection};
@@ -11,7 +12,6 @@ use crate::export::mesh::size::Other;
 use crate::gap::linear::{Vector, scaled, sum};
 use crate::geometry::convex::directed_edges;
 use crate::memory::OutOfMemory;
-use crate::request::Specimen;
 
 /// Share of the gap to a neighbour or a wall that a sphere or an ellipsoid may be enlarged by.
 const GAP_SHARE: f64 = grain::GAP_SHARE / 2.0;
@@ -94,14 +94,15 @@ impl<'a, W: Write> Script<'a, W> {
             grains + 1
         )?;
         writeln!(self.out, "SetFactory(\"OpenCASCADE\");\nholes() = {{}};")?;
-        let (faces, corners) = match *self.model.specimen {
-            Specimen::Box { size_mm: [x, y, z], .. } => {
+        let domain = self.model.specimen.domain();
+        let [x, y, z] = domain.bounds_mm;
+        let (faces, corners) = match domain.lateral() {
+            None => {
                 writeln!(self.out, "Box(1) = {{0, 0, 0, {x}, {y}, {z}}};")?;
-                (["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"].as_slice(), 8)
+                (domain.face_names, 8)
             }
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                let radius = diameter_mm / 2.0;
-                writeln!(self.out, "Cylinder(1) = {{{radius}, {radius}, 0, 0, 0, {height_mm}, {radius}}};")?;
+            Some(Lateral { center_mm: [x, y], radius_mm: radius }) => {
+                writeln!(self.out, "Cylinder(1) = {{{x}, {y}, 0, 0, 0, {z}, {radius}}};")?;
                 (["side", "z_max", "z_min"].as_slice(), 2)
             }
         };

@@ -1,0 +1,234 @@
+//! Domains: the region that whole grains lie in, by its faces and its periods.
+//!
+//! A request names a kind of specimen; each kind has a file here that states its faces. All else asks the domain for
+//! the property that matters, and does not know the kind: the distance to a wall, whether a face is curved, the period
+//! along an axis. A new kind is a file, and a line in [`Specimen::domain`].
+
+mod cuboid;
+mod cylinder;
+mod region;
+#[cfg(test)]
+mod tests;
+
+pub use region::Region;
+
+use crate::elementary::hypot;
+use crate::request::Specimen;
+
+/// Most faces of a domain.
+const MOST_FACES: usize = 6;
+
+impl Specimen {
+    /// The region that it stands for.
+    #[must_use]
+    #[inline]
+    pub fn domain(&self) -> Domain {
+        match *self {
+            Self::Box { size_mm, boundary } => cuboid::domain(size_mm, boundary),
+            Self::Cylinder { diameter_mm, height_mm } => cylinder::domain(diameter_mm, height_mm),
+        }
+    }
+
+    /// [`Domain::volume_mm3`].
+    #[must_use]
+    pub fn volume_mm3(&self) -> f64 {
+        self.domain().volume_mm3
+    }
+
+    /// [`Domain::bounds_mm`].
+    #[must_use]
+    pub fn bounds_mm(&self) -> [f64; 3] {
+        self.domain().bounds_mm
+    }
+
+    /// [`Domain::is_periodic`].
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        self.domain().is_periodic()
+    }
+
+    /// [`Domain::clearance_reaching_all`].
+    #[must_use]
+    pub fn clearance_reaching_all(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        self.domain().clearance_reaching_all(center, half)
+    }
+
+    /// [`Domain::center_region`].
+    #[must_use]
+    pub fn center_region(&self, clearance_mm: f64) -> Option<Region> {
+        self.domain().center_region(clearance_mm)
+    }
+}
+
+/// A region of space, in a bounding box that starts at the origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Domain {
+    /// Edge lengths of the bounding box.
+    pub bounds_mm: [f64; 3],
+    /// The length after which the domain repeats along each axis; `None` where it does not.
+    pub periods_mm: [Option<f64>; 3],
+    /// Names of the faces, in their order.
+    pub face_names: &'static [&'static str],
+    faces: [Option<Face>; MOST_FACES],
+    /// Volume.
+    pub volume_mm3: f64,
+    /// Area of all faces, those through which the domain repeats among them.
+    pub surface_mm2: f64,
+}
+
+/// A face of a domain. It is a wall unless the domain repeats through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Face {
+    /// A plane face.
+    Plane(FacePlane),
+    /// The inside of a cylinder with its axis along z.
+    Lateral(Lateral),
+}
+
+/// A plane face across an axis. Its inward normal points along the axis, or against it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FacePlane {
+    /// The axis that the face is across.
+    pub axis: usize,
+    /// Coordinate of the face along the axis.
+    pub at_mm: f64,
+    /// Whether the domain lies above the face, on the side of larger coordinates.
+    pub is_low: bool,
+}
+
+/// The lateral surface of a cylinder with its axis along z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lateral {
+    /// Where the axis stands in x and y.
+    pub center_mm: [f64; 2],
+    /// Radius of the cylinder.
+    pub radius_mm: f64,
+}
+
+/// The section of a domain by a plane across an axis; of the other two axes, in ascending order, u is the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outline {
+    /// Between two coordinates along each axis.
+    Rectangle {
+        /// Ends along u.
+        u_mm: [f64; 2],
+        /// Ends along v.
+        v_mm: [f64; 2],
+    },
+    /// A circle.
+    Disc {
+        /// Its centre.
+        center_mm: [f64; 2],
+        /// Its radius.
+        radius_mm: f64,
+    },
+}
+
+impl Domain {
+    /// Whether it repeats in all directions.
+    #[must_use]
+    pub fn is_periodic(&self) -> bool {
+        self.periods_mm.iter().all(Option::is_some)
+    }
+
+    /// Its faces, in the order of their names.
+    pub fn faces(&self) -> impl Iterator<Item = Face> + use<> {
+        self.faces.into_iter().flatten()
+    }
+
+    /// The faces that hold grains back.
+    pub fn walls(&self) -> impl Iterator<Item = Face> + use<> {
+        let periods_mm = self.periods_mm;
+        self.faces().filter(move |face| match face {
+            Face::Plane(plane) => periods_mm[plane.axis].is_none(),
+            Face::Lateral(_) => true,
+        })
+    }
+
+    /// Whether there is any wall.
+    #[must_use]
+    pub fn has_walls(&self) -> bool {
+        self.walls().next().is_some()
+    }
+
+    /// The axes with a pair of plane walls, in ascending order.
+    pub fn walled_axes(&self) -> impl Iterator<Item = usize> + use<> {
+        self.walls().filter_map(|wall| match wall {
+            Face::Plane(plane) if plane.is_low => Some(plane.axis),
+            _ => None,
+        })
+    }
+
+    /// Its curved face, where it has one.
+    #[must_use]
+    pub fn lateral(&self) -> Option<Lateral> {
+        self.faces().find_map(|face| match face {
+            Face::Lateral(lateral) => Some(lateral),
+            Face::Plane(_) => None,
+        })
+    }
+
+    /// Area of the walls over the volume in 1/mm: 2 over the distance of each two planes, and 2 over the radius.
+    #[must_use]
+    pub fn walls_per_mm(&self) -> f64 {
+        let curved: f64 = self.lateral().map_or(0.0, |lateral| 2.0 / lateral.radius_mm);
+        self.walled_axes().fold(curved, |sum, axis| sum + 2.0 / self.bounds_mm[axis])
+    }
+
+    /// Largest clearance to the walls that some point of a cuboid has; infinite without walls.
+    #[must_use]
+    pub fn clearance_reaching_some(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        let reached = |wall| match wall {
+            Face::Plane(plane) => plane.distance_mm(center) + half[plane.axis],
+            Face::Lateral(Lateral { center_mm, radius_mm }) => {
+                let nearest = |a: usize| ((center[a] - center_mm[a]).abs() - half[a]).max(0.0);
+                radius_mm - hypot(nearest(0), nearest(1))
+            }
+        };
+        self.walls().map(reached).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Smallest clearance to the walls of all points of a cuboid; infinite without walls.
+    #[must_use]
+    pub fn clearance_reaching_all(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
+        let reached = |wall| match wall {
+            Face::Plane(plane) => plane.distance_mm(center) - half[plane.axis],
+            Face::Lateral(Lateral { center_mm, radius_mm }) => {
+                let farthest = |a: usize| (center[a] - center_mm[a]).abs() + half[a];
+                radius_mm - hypot(farthest(0), farthest(1))
+            }
+        };
+        self.walls().map(reached).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The section by the plane at a coordinate along an axis.
+    #[must_use]
+    pub fn outline(&self, axis: usize, at_mm: f64) -> Outline {
+        let ends = |a: usize| [0.0, self.bounds_mm[a]];
+        match (self.lateral(), axis) {
+            (Some(Lateral { center_mm, radius_mm }), 2) => Outline::Disc { center_mm, radius_mm },
+            (Some(Lateral { center_mm, .. }), _) => {
+                let half_chord = (at_mm * (self.bounds_mm[axis] - at_mm)).max(0.0).sqrt();
+                let middle = center_mm[1 - axis];
+                Outline::Rectangle { u_mm: [middle - half_chord, middle + half_chord], v_mm: ends(2) }
+            }
+            (None, 0) => Outline::Rectangle { u_mm: ends(1), v_mm: ends(2) },
+            (None, 1) => Outline::Rectangle { u_mm: ends(0), v_mm: ends(2) },
+            (None, _) => Outline::Rectangle { u_mm: ends(0), v_mm: ends(1) },
+        }
+    }
+}
+
+impl FacePlane {
+    /// The two faces across an axis at 0 and at a length.
+    fn pair(axis: usize, length_mm: f64) -> [Self; 2] {
+        [Self { axis, at_mm: 0.0, is_low: true }, Self { axis, at_mm: length_mm, is_low: false }]
+    }
+
+    /// How far inside of the face a point lies.
+    #[must_use]
+    #[inline]
+    pub fn distance_mm(&self, p: [f64; 3]) -> f64 {
+        if self.is_low { p[self.axis] - self.at_mm } else { self.at_mm - p[self.axis] }
+    }
+}
