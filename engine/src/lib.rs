@@ -1,6 +1,6 @@
 //! Packstone's engine: from a concrete mix design to a dense, checked packing of spheres.
 //!
-//! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`specimen`] -> [`plan`] (what to expect, and
+//! Data passes one way: [`request`] (what is asked for) -> [`mix`] and [`domain`] -> [`plan`] (what to expect, and
 //! whether it can fit) -> [`methods`] -> [`check`] -> [`packing`] -> [`export`]. Imports between the modules point
 //! down; `tests/layers.rs` holds their order. The engine computes, reports through [`control`], and writes to writers
 //! that it is handed; it opens no files and no connections, and reads the clock only to time its steps and to obey a
