@@ -347,7 +347,8 @@ async fn the_command_blends_tables_and_requests() {
     for (arguments, words) in [
         (&["two.csv"][..], "name what the blend is to meet by --target"),
         (&["band.csv", "--target", "A16"], "no curve of a stockpile"),
-        (&["two.csv", "--target", "A17"], "is no file and no grading of a standard"),
+        (&["two.csv", "--target", "ASTM C33 No. 75"], "did you mean \"ASTM C33"),
+        (&["two.csv", "--target", "A17"], "did you mean \"A16\"?"),
         (&["blend.json", "two.csv"], "leave other files and --target out"),
         (&["none.csv", "--target", "A16"], "none.csv"),
     ] {

@@ -69,14 +69,17 @@ export async function startServer(options = []) {
           const address = /listening on (http:\/\/\S+)/.exec(String(part));
           if (address) resolve(address[1]);
         });
-        child.on("error", reject);
+        child.on("error", (error) =>
+          reject(new Error(`${BINARY} does not start (${error.message}): build it, or set PACKSTONE_BINARY`)),
+        );
         child.on("exit", (code) => reject(new Error(`packstone ended with ${code}: ${log}`)));
       });
     },
     /** Ends it; its data stay. */
     async stop() {
       const { child } = server;
-      if (!child || child.exitCode !== null) return;
+      // Without a process number it did not start.
+      if (!child || child.pid === undefined || child.exitCode !== null) return;
       const ended = new Promise((resolve) => child.once("exit", resolve));
       child.kill("SIGTERM");
       await ended;

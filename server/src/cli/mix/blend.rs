@@ -17,6 +17,9 @@ use super::super::run::{listed, warn};
 use super::{job, read_table, text};
 use crate::strict_json;
 
+/// Likeness of two names, 1 where they are equal, from which on one is likely to be meant by the other.
+const LEAST_LIKENESS: f64 = 0.6;
+
 /// Options of `packstone mix blend`.
 #[derive(Args)]
 pub(super) struct Options {
@@ -138,6 +141,21 @@ fn curves(file: &Path, bytes: &[u8]) -> Result<MixReading, Failure> {
     )))
 }
 
+/// The name of a grading of a standard that a text is likely to mean.
+fn nearest_name(text: &str) -> Option<String> {
+    let text = text.to_lowercase();
+    let names = GRADINGS.iter().flat_map(|grading| {
+        let standard = grading.standard.name();
+        [
+            (standard == "DIN 1045-2").then(|| grading.name.to_owned()),
+            Some(format!("{standard} {}", grading.name)),
+        ]
+    });
+    let likeness = |name: &String| strsim::normalized_damerau_levenshtein(&text, &name.to_lowercase());
+    let nearest = names.flatten().max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
+    (likeness(&nearest) >= LEAST_LIKENESS).then_some(nearest)
+}
+
 /// The target of an option: a file, or a grading of a standard.
 fn named(target: &Path) -> Result<Value, Failure> {
     let name = target.to_string_lossy();
@@ -151,9 +169,11 @@ fn named(target: &Path) -> Result<Value, Failure> {
         return Ok(json!({"type": kind, "standard": grading.standard.name(), "name": grading.name}));
     }
     if !target.exists() {
+        let near =
+            nearest_name(name.trim()).map_or_else(String::new, |near| format!("; did you mean \"{near}\"?"));
         let text = format!(
             "--target {name}: is no file and no grading of a standard: must be one of both, as A16 or \"ASTM C33 57\" \
-             (docs/mixes.md lists them)"
+             (docs/mixes.md lists them){near}"
         );
         return Err(Exit::BadInput.because(text));
     }
