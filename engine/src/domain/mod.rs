@@ -1,8 +1,9 @@
 //! Domains: the region that whole grains lie in, by its faces and its periods.
 //!
-//! A request names a kind of specimen; each kind has a file here that states its faces. All else asks the domain for
-//! the property that matters, and does not know the kind: the distance to a wall, whether a face is curved, the period
-//! along an axis. A new kind is a file, and a line in [`Specimen::domain`].
+//! A request names a kind of specimen; each kind has a file here that states its faces, and a line in
+//! [`Specimen::domain`]. The modules above, but for the check, ask the domain for the property that matters and do not
+//! know the kind: the distance to a wall, whether a face is curved, the period along an axis. A test of the layers
+//! holds this.
 
 mod cuboid;
 mod cylinder;
@@ -10,7 +11,10 @@ mod region;
 #[cfg(test)]
 mod tests;
 
+use std::f64::consts::PI;
+
 pub use region::Region;
+use serde::{Deserialize, Serialize};
 
 use crate::elementary::hypot;
 use crate::request::Specimen;
@@ -105,23 +109,43 @@ pub struct Lateral {
     pub radius_mm: f64,
 }
 
-/// The section of a domain by a plane across an axis; of the other two axes, in ascending order, u is the first.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The part of a plane across an axis inside the specimen. Of the other two axes, in the order x, y, z, u is the first.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(tag = "type", rename_all = "snake_case")]
 pub enum Outline {
-    /// Between two coordinates along each axis.
+    /// Of a box, or of a cylinder along its axis.
     Rectangle {
-        /// Ends along u.
+        /// From and to.
         u_mm: [f64; 2],
-        /// Ends along v.
+        /// From and to.
         v_mm: [f64; 2],
     },
-    /// A circle.
+    /// Of a cylinder across its axis.
     Disc {
-        /// Its centre.
+        /// Its centre, u and v.
         center_mm: [f64; 2],
         /// Its radius.
         radius_mm: f64,
     },
+}
+
+impl Outline {
+    /// Its area.
+    pub fn area_mm2(&self) -> f64 {
+        match *self {
+            Self::Rectangle { u_mm: [u0, u1], v_mm: [v0, v1] } => (u1 - u0) * (v1 - v0),
+            Self::Disc { radius_mm, .. } => PI * radius_mm * radius_mm,
+        }
+    }
+
+    /// The rectangle around it, from and to along u and v.
+    pub fn bounds_mm(&self) -> [[f64; 2]; 2] {
+        match *self {
+            Self::Rectangle { u_mm, v_mm } => [u_mm, v_mm],
+            Self::Disc { center_mm, radius_mm } => center_mm.map(|c| [c - radius_mm, c + radius_mm]),
+        }
+    }
 }
 
 impl Domain {

@@ -114,18 +114,7 @@ macro_rules! exports {
                     })*
                 }
             }
-        }
 
-        impl ExportReport {
-            /// The type of export that it is of.
-            pub fn export_type(&self) -> ExportType {
-                match self {
-                    $(Self::$kind(_) => ExportType::$kind,)*
-                }
-            }
-        }
-
-        impl ExportRequest {
             /// Checks the report of a file of `bytes` bytes against the specimen, the volume fraction of the packing
             /// and the materials that its request states.
             ///
@@ -146,6 +135,15 @@ macro_rules! exports {
                         let (kind, found) = (self.export_type().name(), report.export_type().name());
                         Err(format!("the report is one of {found:?}: must be of {kind:?}"))
                     }
+                }
+            }
+        }
+
+        impl ExportReport {
+            /// The type of export that it is of.
+            pub fn export_type(&self) -> ExportType {
+                match self {
+                    $(Self::$kind(_) => ExportType::$kind,)*
                 }
             }
         }

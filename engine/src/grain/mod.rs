@@ -2,7 +2,8 @@
 //!
 //! [`Grain`] says what a grain is to everything that measures, draws or exports a packing. Each kind of grain
 //! implements it in a file of its own ([`sphere`], [`ellipsoid`], [`polyhedron`]); [`placed`] lists the kinds and holds
-//! the grains of a packing. The modules above ask a grain and never look at its kind.
+//! the grains of a packing. Slices, voxels, lattices, pictures and effective properties ask a grain and do not look at
+//! its kind. What still does, surface meshes and tables among them, is listed in `engine/tests/layers.rs`.
 //!
 //! Points and directions are in mm along the axes of the specimen. Points are seen from the centre of the grain, so
 //! that the images of a grain in a periodic box are the same grain about other centres.
@@ -62,8 +63,8 @@ pub(crate) trait Grain<'a>: Copy {
     /// the section along `u` and `v`; `None` where the plane does not meet the grain.
     fn section(self, axes: [usize; 3], height_mm: f64) -> Option<([f64; 2], Figure)>;
 
-    /// The section at a height above the centre as rows along x, of the grain moved to a centre. `lines` are those
-    /// along x through this grain, if they are told to be; else they are made so where the kind has a use for them.
+    /// The section at a height above the centre as rows along x, of the grain moved to a centre. `lines` is
+    /// working memory for the lines along x through the grain; with `is_aimed` it holds those of this grain already.
     fn rows<'l>(self, center_mm: [f64; 3], height_mm: f64, lines: &'l mut Lines, is_aimed: bool) -> Rows<'l>
     where
         'a: 'l;

@@ -53,7 +53,7 @@ fn agrees_with_itself(grain: PlacedGrain<'_>, from: &Vector3<f64>, along: &Vecto
         assert!((0..3).all(|axis| at[axis].abs() <= half[axis] * (1.0 + 1e-9)));
         let normal = grain.normal(&at);
         assert!((normal.norm() - 1.0).abs() < 1e-12);
-        // A polyhedron has a cone of normals at a vertex, whose outermost distance is that along the normal.
+        // Along the normal the distance grows as the path does, for the grain is convex.
         let outside = grain.distance_mm(&(at + normal * 0.1 * size));
         assert!((outside - 0.1 * size).abs() < 1e-6 * size, "{outside}");
         let reach = grain.reach_mm(&at);

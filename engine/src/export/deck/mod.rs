@@ -100,8 +100,29 @@ impl Export for DeckOptions {
         }
     }
 
+    /// Judges options before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Invalid`] for a load that the specimen or the cut does not have, and for a cut through a
+    /// cylinder; [`ExportError::TooLarge`].
     fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
-        check(specimen, self, limits)
+        if let DeckMesh::Triangles(own) = &self.mesh {
+            return check_cut(specimen, self.case.load, own, limits);
+        }
+        if !self.case.load.fits(specimen) {
+            let detail = format!(
+                "{} is no load of a cylinder: must be {} or {}; pack a box for the others",
+                self.case.load.name(),
+                Load::UniaxialZ.name(),
+                Load::Temperature.name()
+            );
+            return Err(ExportError::Invalid(vec![FieldError::new("/load", detail)]));
+        }
+        match &self.mesh {
+            DeckMesh::Voxels(own) => own.voxels().check(specimen, limits),
+            DeckMesh::Tetrahedra(own) => own.alone().check(specimen, limits),
+            DeckMesh::Triangles(_) => Ok(()),
+        }
     }
 
     fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
@@ -153,7 +174,7 @@ impl Export for DeckOptions {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<DeckReport, ExportError> {
-        check(model.specimen, self, limits)?;
+        self.check(model.specimen, limits)?;
         let materials = of_model(self.case.materials.as_ref(), model)?;
         let meshing = Part::new(control, 0.0, 0.8);
         let mesh = Meshed::of(model, &self.mesh, limits, &meshing)?;
@@ -161,31 +182,6 @@ impl Export for DeckOptions {
         let writing = Part::new(control, 0.8, 1.0);
         deck.write(model.provenance, limits.export_threads, &writing, out)?;
         Ok(deck.report)
-    }
-}
-
-/// Judges options before there are grains.
-///
-/// # Errors
-/// [`ExportError::Invalid`] for a load that the specimen or the cut does not have, and for a cut through a cylinder;
-/// [`ExportError::TooLarge`].
-fn check(specimen: &Specimen, options: &DeckOptions, limits: &Limits) -> Result<(), ExportError> {
-    if let DeckMesh::Triangles(own) = &options.mesh {
-        return check_cut(specimen, options.case.load, own, limits);
-    }
-    if !options.case.load.fits(specimen) {
-        let detail = format!(
-            "{} is no load of a cylinder: must be {} or {}; pack a box for the others",
-            options.case.load.name(),
-            Load::UniaxialZ.name(),
-            Load::Temperature.name()
-        );
-        return Err(ExportError::Invalid(vec![FieldError::new("/load", detail)]));
-    }
-    match &options.mesh {
-        DeckMesh::Voxels(own) => voxels::check(specimen, &own.voxels(), limits),
-        DeckMesh::Tetrahedra(own) => own.alone().check(specimen, limits),
-        DeckMesh::Triangles(_) => Ok(()),
     }
 }
 
@@ -207,7 +203,7 @@ fn check_cut(specimen: &Specimen, load: Load, own: &CutElements, limits: &Limits
         );
         return invalid("/load", detail);
     }
-    slice::check(specimen, &own.alone(), limits)
+    own.alone().check(specimen, limits)
 }
 
 /// Length of the file of voxels, or of the triangles of a cut through grains of that sum of diameters, within a factor

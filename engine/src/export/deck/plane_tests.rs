@@ -169,7 +169,7 @@ fn decks_of_cuts_that_cannot_run_are_refused() {
     let judged = |specimen: &Specimen, text: &[(&str, &str)]| {
         let all: Vec<(&str, &str)> =
             [("elements", "triangles")].into_iter().chain(text.iter().copied()).collect();
-        check(specimen, &options(&all), &Limits::default()).map_err(|error| error.to_string())
+        options(&all).check(specimen, &Limits::default()).map_err(|error| error.to_string())
     };
     let specimen = cuboid([8.0, 6.0, 5.0]);
     assert_eq!(judged(&specimen, &[]), Ok(()));

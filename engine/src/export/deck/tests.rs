@@ -401,7 +401,7 @@ fn options_are_judged() {
     }
     let cylinder = Specimen::Cylinder { diameter_mm: 9.0, height_mm: 7.0 };
     for load in Load::ALL {
-        let judged = check(&cylinder, &options(&[("load", load.name())]), &Limits::default());
+        let judged = options(&[("load", load.name())]).check(&cylinder, &Limits::default());
         assert_eq!(judged.is_ok(), matches!(load, Load::UniaxialZ | Load::Temperature));
     }
     let written = options(&[("load", "temperature"), ("voxel_mm", "0.5")]);

@@ -98,8 +98,18 @@ impl Export for LatticeOptions {
             && value.as_f64().is_some_and(|radius| radius * 2.0 == self.fictitious_diameter)
     }
 
-    fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
-        check(specimen, self, limits)
+    /// Judges what can be judged before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] in a periodic box.
+    fn check(&self, specimen: &Specimen, _: &Limits) -> Result<(), ExportError> {
+        if specimen.is_periodic() {
+            return Err(ExportError::Unavailable(
+                "a lattice needs a surface to lay nodes on, and a periodic box has none: pack with \"boundary\": \"walls\""
+                    .into(),
+            ));
+        }
+        Ok(())
     }
 
     fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
@@ -131,20 +141,6 @@ impl Export for LatticeOptions {
     }
 }
 
-/// Judges what can be judged before there are grains.
-///
-/// # Errors
-/// [`ExportError::Unavailable`] in a periodic box.
-pub fn check(specimen: &Specimen, _: &LatticeOptions, _: &Limits) -> Result<(), ExportError> {
-    if specimen.is_periodic() {
-        return Err(ExportError::Unavailable(
-            "a lattice needs a surface to lay nodes on, and a periodic box has none: pack with \"boundary\": \"walls\""
-                .into(),
-        ));
-    }
-    Ok(())
-}
-
 impl<'a> Lattice<'a> {
     /// Makes a lattice of a packing.
     ///
@@ -157,7 +153,7 @@ impl<'a> Lattice<'a> {
         control: &dyn Control,
     ) -> Result<Self, ExportError> {
         let (specimen, grains) = (model.specimen, &Arc::new(PlacedGrains::new(model.grains)?));
-        check(specimen, options, limits)?;
+        options.check(specimen, limits)?;
         if grains.is_empty() {
             return Err(ExportError::Unavailable("a lattice needs grains, and this packing has none".into()));
         }

@@ -76,8 +76,47 @@ impl Export for PropertyOptions {
         self.format.media_type()
     }
 
+    /// Judges options before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Unavailable`] for a cylinder, [`ExportError::Invalid`] for an option that the specimen
+    /// does not have, [`ExportError::TooLarge`].
     fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
-        check(specimen, self, limits)
+        if specimen.domain().lateral().is_some() {
+            return Err(ExportError::Unavailable(
+                "effective properties are those of a periodic cell, which a cylinder is not: pack the mix in a box, best \
+                 with \"boundary\": \"periodic\""
+                    .into(),
+            ));
+        }
+        if specimen.is_periodic() && self.walls == Walls::Mirrored {
+            return Err(invalid(
+                "/walls",
+                "mirrored is for boxes with walls: a periodic box is a cell as it is",
+            ));
+        }
+        let grid = VoxelGrid::of_cells(specimen, self.cells);
+        if let Some(axis) = (0..3).find(|axis| grid.shape[*axis] < LEAST_CELLS) {
+            let (n, name) = (grid.shape[axis], ["x", "y", "z"][axis]);
+            let detail = format!(
+                "{} voxels along the longest edge are {n} along {name}: must be at least {LEAST_CELLS} along each",
+                self.cells
+            );
+            return Err(invalid("/cells", detail));
+        }
+        let bytes = memory_bytes(specimen, None, self, limits.export_threads.get());
+        if bytes > limits.max_memory_bytes {
+            let [x, y, z] = shape(specimen, self);
+            return Err(ExportError::TooLarge(FieldError::new(
+                "/cells",
+                format!(
+                    "the properties of {x} x {y} x {z} voxels take about {} MB of memory: must be at most {} MB",
+                    bytes / 1_000_000,
+                    limits.max_memory_bytes / 1_000_000
+                ),
+            )));
+        }
+        Ok(())
     }
 
     fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
@@ -143,7 +182,7 @@ impl Export for PropertyOptions {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<PropertyReport, ExportError> {
-        check(model.specimen, self, limits)?;
+        self.check(model.specimen, limits)?;
         let phases = Phases::of(model, self)?;
         let mut state = State::new(state::identity(self, phases.materials()), resume, control);
         let work = Work { model, options: self, phases: &phases, limits };
@@ -159,46 +198,6 @@ impl Export for PropertyOptions {
         }
         Ok(report)
     }
-}
-
-/// Judges options before there are grains.
-///
-/// # Errors
-/// [`ExportError::Unavailable`] for a cylinder, [`ExportError::Invalid`] for an option that the specimen does not have,
-/// [`ExportError::TooLarge`].
-fn check(specimen: &Specimen, options: &PropertyOptions, limits: &Limits) -> Result<(), ExportError> {
-    if specimen.domain().lateral().is_some() {
-        return Err(ExportError::Unavailable(
-            "effective properties are those of a periodic cell, which a cylinder is not: pack the mix in a box, best \
-             with \"boundary\": \"periodic\""
-                .into(),
-        ));
-    }
-    if specimen.is_periodic() && options.walls == Walls::Mirrored {
-        return Err(invalid("/walls", "mirrored is for boxes with walls: a periodic box is a cell as it is"));
-    }
-    let grid = VoxelGrid::of_cells(specimen, options.cells);
-    if let Some(axis) = (0..3).find(|axis| grid.shape[*axis] < LEAST_CELLS) {
-        let (n, name) = (grid.shape[axis], ["x", "y", "z"][axis]);
-        let detail = format!(
-            "{} voxels along the longest edge are {n} along {name}: must be at least {LEAST_CELLS} along each",
-            options.cells
-        );
-        return Err(invalid("/cells", detail));
-    }
-    let bytes = memory_bytes(specimen, None, options, limits.export_threads.get());
-    if bytes > limits.max_memory_bytes {
-        let [x, y, z] = shape(specimen, options);
-        return Err(ExportError::TooLarge(FieldError::new(
-            "/cells",
-            format!(
-                "the properties of {x} x {y} x {z} voxels take about {} MB of memory: must be at most {} MB",
-                bytes / 1_000_000,
-                limits.max_memory_bytes / 1_000_000
-            ),
-        )));
-    }
-    Ok(())
 }
 
 fn invalid(pointer: &str, detail: impl Into<String>) -> ExportError {

@@ -1,56 +1,13 @@
 //! The cut itself: its outline and the sections of the grains.
 
-use std::f64::consts::PI;
-
-use serde::{Deserialize, Serialize};
-
 use super::{Axis, Figure, SliceReport};
 use crate::arrays::Each as _;
-use crate::domain;
+use crate::domain::Outline;
 use crate::export::Model;
 use crate::geometry::images::Images;
 use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::OutOfMemory;
 use crate::request::GrainKind;
-
-/// The part of a plane inside the specimen.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-#[serde(tag = "type", rename_all = "snake_case")]
-pub enum Outline {
-    /// Of a box, or of a cylinder along its axis.
-    Rectangle {
-        /// From and to.
-        u_mm: [f64; 2],
-        /// From and to.
-        v_mm: [f64; 2],
-    },
-    /// Of a cylinder across its axis.
-    Disc {
-        /// Its centre, u and v.
-        center_mm: [f64; 2],
-        /// Its radius.
-        radius_mm: f64,
-    },
-}
-
-impl Outline {
-    /// Its area.
-    pub fn area_mm2(&self) -> f64 {
-        match *self {
-            Self::Rectangle { u_mm: [u0, u1], v_mm: [v0, v1] } => (u1 - u0) * (v1 - v0),
-            Self::Disc { radius_mm, .. } => PI * radius_mm * radius_mm,
-        }
-    }
-
-    /// The rectangle around it, from and to along u and v.
-    pub fn bounds_mm(&self) -> [[f64; 2]; 2] {
-        match *self {
-            Self::Rectangle { u_mm, v_mm } => [u_mm, v_mm],
-            Self::Disc { center_mm, radius_mm } => center_mm.each(|c| [c - radius_mm, c + radius_mm]),
-        }
-    }
-}
 
 /// A grain's section.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,15 +55,11 @@ impl Cut {
         let [u, v] = axis.plane().each(Axis::index);
         let domain = model.specimen.domain();
         let bounds = domain.bounds_mm;
-        let outline = match domain.outline(axis.index(), at_mm) {
-            domain::Outline::Rectangle { u_mm, v_mm } => Outline::Rectangle { u_mm, v_mm },
-            domain::Outline::Disc { center_mm, radius_mm } => Outline::Disc { center_mm, radius_mm },
-        };
         let periodic = domain.is_periodic();
         let mut cut = Self {
             axis,
             at_mm,
-            outline,
+            outline: domain.outline(axis.index(), at_mm),
             periodic,
             lateral: domain.lateral().is_some() && axis != Axis::Z,
             kind: model.grains.kind(),

@@ -17,8 +17,9 @@ use std::io::{BufWriter, Write};
 
 use serde::{Deserialize, Serialize};
 
+pub use crate::domain::Outline;
 pub use crate::grain::figure::{Ellipse, Figure, Polygon, TOLERANCE};
-pub use cut::{Cut, Outline, Section};
+pub use cut::{Cut, Section};
 pub use json::SliceDocument;
 pub(super) use triangles::mesh_of;
 pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
@@ -264,8 +265,21 @@ impl Export for SliceOptions {
         self.cut.format.media_type()
     }
 
+    /// Judges options before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::Invalid`] where the plane does not cut the specimen, and [`ExportError::TooLarge`] for
+    /// triangles that are too many.
     fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
-        check(specimen, self, limits)
+        let own = &self.cut;
+        check_place(specimen, own)?;
+        match &self.triangles {
+            Some(triangles) => {
+                let [u, v] = own.axis.plane().each(|axis| specimen.bounds_mm()[axis.index()]);
+                triangles.check([u, v], 0.0, limits)
+            }
+            None => Ok(()),
+        }
     }
 
     fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
@@ -287,7 +301,7 @@ impl Export for SliceOptions {
     /// Cuts the packing and writes what is asked for.
     ///
     /// # Errors
-    /// Those of [`check`], of the writer, and [`ExportError::Stopped`].
+    /// Those of [`Export::check`], of the writer, and [`ExportError::Stopped`].
     fn write(
         &self,
         model: &Model<'_>,
@@ -295,7 +309,7 @@ impl Export for SliceOptions {
         control: &dyn Control,
         out: &mut dyn Write,
     ) -> Result<SliceReport, ExportError> {
-        check(model.specimen, self, limits)?;
+        self.check(model.specimen, limits)?;
         go_on(control)?;
         let SliceOptions { cut: options, triangles } = self;
         let cut = Cut::new(model, options.axis, options.at_mm(model.specimen))?;
@@ -336,23 +350,6 @@ impl Export for SliceOptions {
         out.flush()?;
         progress(sections, sections)?;
         Ok(report)
-    }
-}
-
-/// Judges options before there are grains.
-///
-/// # Errors
-/// [`ExportError::Invalid`] where the plane does not cut the specimen, and [`ExportError::TooLarge`] for triangles that
-/// are too many.
-pub fn check(specimen: &Specimen, options: &SliceOptions, limits: &Limits) -> Result<(), ExportError> {
-    let own = &options.cut;
-    check_place(specimen, own)?;
-    match &options.triangles {
-        Some(triangles) => {
-            let [u, v] = own.axis.plane().each(|axis| specimen.bounds_mm()[axis.index()]);
-            triangles.check([u, v], 0.0, limits)
-        }
-        None => Ok(()),
     }
 }
 

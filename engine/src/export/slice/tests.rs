@@ -78,7 +78,7 @@ fn options_have_defaults_and_bounds() {
 #[test]
 fn a_cut_outside_of_the_specimen_is_refused() {
     let refused = |specimen: &Specimen, options: Value| {
-        check(specimen, &read(&options).unwrap(), &Limits::default()).unwrap_err().to_string()
+        read(&options).unwrap().check(specimen, &Limits::default()).unwrap_err().to_string()
     };
     let cylinder = Specimen::Cylinder { diameter_mm: 10.0, height_mm: 20.0 };
     assert_eq!(
@@ -91,7 +91,7 @@ fn a_cut_outside_of_the_specimen_is_refused() {
         "/at_mm: 0 is out of range: a cut along x must be greater than 0 and less than 10 mm, inside the specimen"
     );
     for options in [json!({"at_mm": 20}), json!({"axis": "y", "at_mm": 9.999}), json!({})] {
-        check(&cylinder, &read(&options).unwrap(), &Limits::default()).unwrap();
+        read(&options).unwrap().check(&cylinder, &Limits::default()).unwrap();
     }
 }
 

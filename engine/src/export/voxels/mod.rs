@@ -138,8 +138,14 @@ impl Export for VoxelOptions {
         format.program().map(Reader::name)
     }
 
+    /// Judges options before there are grains.
+    ///
+    /// # Errors
+    /// [`ExportError::TooLarge`] with what the grid would take, and [`ExportError::Unavailable`] where the
+    /// program that the file is for cannot compute such a specimen.
     fn check(&self, specimen: &Specimen, limits: &Limits) -> Result<(), ExportError> {
-        check(specimen, self, limits)
+        self.check_specimen(specimen)?;
+        self.check_grid(&VoxelGrid::new(specimen, self), limits)
     }
 
     fn estimate(&self, of: &Expected<'_>) -> Result<ExportEstimate, ExportError> {
@@ -174,7 +180,7 @@ impl Export for VoxelOptions {
     /// Makes the grid and writes it.
     ///
     /// # Errors
-    /// Those of [`check`], of the writer, and [`ExportError::Stopped`].
+    /// Those of [`Export::check`], of the writer, and [`ExportError::Stopped`].
     fn write(
         &self,
         model: &Model<'_>,
@@ -185,7 +191,7 @@ impl Export for VoxelOptions {
         let placed = PlacedGrains::new(model.grains)?;
         let grid = VoxelGrid::new(model.specimen, self);
         self.check_specimen(model.specimen)?;
-        self.check(&grid, limits)?;
+        self.check_grid(&grid, limits)?;
         let mut out = BufWriter::with_capacity(1 << 18, out);
         let groups = AggregateGroups::of(model);
         let layers = match self.format {
@@ -245,16 +251,6 @@ impl Export for VoxelOptions {
             aggregates: found.by_aggregate(&groups, &numbers),
         })
     }
-}
-
-/// Judges options before there are grains.
-///
-/// # Errors
-/// [`ExportError::TooLarge`] with what the grid would take, and [`ExportError::Unavailable`] where the program that the
-/// file is for cannot compute such a specimen.
-pub fn check(specimen: &Specimen, options: &VoxelOptions, limits: &Limits) -> Result<(), ExportError> {
-    options.check_specimen(specimen)?;
-    options.check(&VoxelGrid::new(specimen, options), limits)
 }
 
 /// Length of the file of a grid.

@@ -331,7 +331,7 @@ impl VoxelOptions {
     }
 
     /// Judges the size of the grid.
-    pub(super) fn check(&self, grid: &VoxelGrid, limits: &Limits) -> Result<(), ExportError> {
+    pub(super) fn check_grid(&self, grid: &VoxelGrid, limits: &Limits) -> Result<(), ExportError> {
         let pointer = if self.voxel_mm.is_some() { "/voxel_mm" } else { "/cells" };
         let refused = |detail: String| {
             let [x, y, z] = grid.shape;

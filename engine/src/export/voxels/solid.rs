@@ -40,7 +40,7 @@ pub(in crate::export) fn solid_mesh(
     control: &dyn Control,
 ) -> Result<SolidMesh, ExportError> {
     let grid = VoxelGrid::new(model.specimen, options);
-    options.check(&grid, limits)?;
+    options.check_grid(&grid, limits)?;
     let bytes = grid.voxels().saturating_mul(BYTES_PER_VOXEL);
     if bytes > limits.max_memory_bytes {
         let pointer = if options.voxel_mm.is_some() { "/voxel_mm" } else { "/cells" };

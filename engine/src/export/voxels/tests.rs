@@ -343,7 +343,7 @@ fn what_is_too_large_says_what_it_would_take() {
     let specimen = Specimen::Box { size_mm: [150.0; 3], boundary: crate::request::Boundary::Walls };
     let refused = |format: VoxelFormat, options: Value| {
         let limits = Limits { max_voxel_file_bytes: 1_000_000_000, ..Limits::default() };
-        check(&specimen, &read(format, &options).unwrap(), &limits).unwrap_err().to_string()
+        read(format, &options).unwrap().check(&specimen, &limits).unwrap_err().to_string()
     };
     assert_eq!(
         refused(VoxelFormat::Vti, json!({"cells": 1000, "label": "grain", "fractions": true})),
@@ -364,7 +364,7 @@ fn what_is_too_large_says_what_it_would_take() {
     );
     assert!(hexahedra.ends_with("at most 20000000 are made"), "{hexahedra}");
     let limits = Limits { max_voxel_file_bytes: 1_000_000_000, ..Limits::default() };
-    check(&specimen, &read(VoxelFormat::Raw, &json!({"cells": 1000})).unwrap(), &limits).unwrap();
+    read(VoxelFormat::Raw, &json!({"cells": 1000})).unwrap().check(&specimen, &limits).unwrap();
 }
 
 /// An Abaqus file's keywords, each with its lines.

@@ -6,7 +6,7 @@ use serde_json::json;
 use super::super::checks;
 use super::super::measured::Mesh;
 use super::super::topology::Topology;
-use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions, check};
+use super::super::{BoundaryNodes, Lattice, LatticeFormat, LatticeOptions};
 use super::{in_box, in_cylinder, with_clearance};
 use crate::control::{Control, Progress, Unattended};
 use crate::export::steps::Steps;
@@ -96,11 +96,11 @@ fn refused(specimen: &Specimen, spheres: &Spheres, limits: &Limits) -> ExportErr
 #[test]
 fn what_cannot_be_made_is_refused_with_a_reason() {
     let periodic = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Periodic };
-    let error = check(&periodic, &LatticeOptions::default(), &Limits::default()).unwrap_err();
+    let error = LatticeOptions::default().check(&periodic, &Limits::default()).unwrap_err();
     assert!(error.to_string().contains("\"boundary\": \"walls\""), "{error}");
 
     let walls = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
-    check(&walls, &LatticeOptions::default(), &Limits::default()).unwrap();
+    LatticeOptions::default().check(&walls, &Limits::default()).unwrap();
     let empty = refused(&walls, &Spheres::default(), &Limits::default());
     assert!(matches!(empty, ExportError::Unavailable(_)), "{empty}");
 
