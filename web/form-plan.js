@@ -132,7 +132,7 @@ function aggregate(figures) {
 
 /** @param {any} plan @param {any} request */
 function methods(plan, request) {
-  const chosen = /** @type {Record<string, string>} */ ({ rsa: "rsa", edmd: "growth", monte_carlo: "growth" })[
+  const chosen = /** @type {Record<string, string>} */ ({ rsa: "rsa", growth: "growth", edmd: "growth", monte_carlo: "growth" })[
     request.method?.type ?? ""
   ];
   const rows = Object.entries(plan.methods).map(([name, estimate]) =>

@@ -9,10 +9,11 @@ use std::time::Instant;
 
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::gap::grain::ConvexShape;
-use packstone_engine::methods::monte_carlo::{Limits, MonteCarlo, Outcome};
+use packstone_engine::methods::growth::Outcome;
+use packstone_engine::methods::monte_carlo::MonteCarlo;
 use packstone_engine::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use packstone_engine::mix::uniform_orientation;
-use packstone_engine::request::{Boundary, Distance, Specimen};
+use packstone_engine::request::{Boundary, Distance, GrowthStop, Specimen};
 use packstone_engine::shape::polyhedron::PlatonicSolid;
 use packstone_engine::shape::{Ellipsoid, Pose, ScaledPolyhedron};
 use packstone_engine::{PackingRequest, Unattended, pack};
@@ -25,7 +26,7 @@ const BEYOND: f64 = 0.85;
 const MOST_SWEEPS: u64 = 15_000;
 
 /// Equal grains of a volume of 1 mm³ in a periodic cube, grown until they jam.
-fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Option<Outcome> {
+fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Option<Outcome<Vec<Pose>>> {
     let shapes = vec![shape; grains];
     let edge = libm::cbrt(grains as f64 * shape.volume_mm3() / BEYOND);
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
@@ -36,7 +37,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Op
         maximize: None,
         initial_scale: None,
         swap: true,
-        limits: Limits { time_s: None, sweeps: Some(sweeps) },
+        stop: GrowthStop { sweeps: Some(sweeps), ..GrowthStop::default() },
         orientation: &uniform_orientation,
         seed,
         preference: None,
@@ -57,7 +58,13 @@ fn order(poses: &[Pose], axis: usize) -> f64 {
     tensor.symmetric_eigenvalues().max()
 }
 
-fn row(name: &str, published: &str, grains: usize, seeds: u64, run: impl Fn(u64) -> Option<Outcome>) {
+fn row(
+    name: &str,
+    published: &str,
+    grains: usize,
+    seeds: u64,
+    run: impl Fn(u64) -> Option<Outcome<Vec<Pose>>>,
+) {
     for seed in 1..=seeds {
         let start = Instant::now();
         let Some(outcome) = run(seed) else { continue };
@@ -65,10 +72,10 @@ fn row(name: &str, published: &str, grains: usize, seeds: u64, run: impl Fn(u64)
             "| {name} | {published} | {grains} | {seed} | {:.4} | {:?} | {} | {:.1} | {:.2} | {:.2} |",
             outcome.volume_fraction,
             outcome.end,
-            outcome.statistics.sweeps,
+            outcome.statistics.monte_carlo.unwrap_or_default().sweeps,
             start.elapsed().as_secs_f64(),
-            order(&outcome.poses, 0),
-            order(&outcome.poses, 2),
+            order(&outcome.placed, 0),
+            order(&outcome.placed, 2),
         );
     }
 }

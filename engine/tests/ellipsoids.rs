@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use nalgebra::{Matrix3, Vector3};
 use packstone_engine::packing::GrowthEnd;
-use packstone_engine::request::{Distance, Method, MonteCarloStop};
+use packstone_engine::request::{Distance, GrowthOptions, GrowthStop, Method};
 use packstone_engine::shape::{Ellipsoid, Pose};
 use packstone_engine::{
     Checkpoint, Control, Limits, PackError, Packing, PackingRequest, Progress, Resume, TargetNotReached,
@@ -58,6 +58,11 @@ fn gap(r: Vector3<f64>, a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
         if tried.0 > best.0 { best = tried } else { step /= 2.0 }
     }
     best.0
+}
+
+fn growth_of(sweeps: u64) -> GrowthOptions {
+    let stop = GrowthStop { sweeps: Some(sweeps), ..GrowthStop::default() };
+    GrowthOptions { stop, ..GrowthOptions::default() }
 }
 
 #[test]
@@ -232,7 +237,7 @@ fn dense(kind: &str, distance: &Value) -> PackingRequest {
         json!({"type": "polyhedron", "rounding": 0.05, "ratios": {"type": "triangle", "k": 0.4}});
     let (shape, fraction) = if kind == "polyhedra" { (polyhedron, 0.5) } else { (triangle(), 0.55) };
     let mut request = request(&cube(30.0, "walls"), fraction, &shape, distance);
-    request.method = Method::MonteCarlo { stop: MonteCarloStop::default() };
+    request.method = Method::MonteCarlo { options: GrowthOptions::default() };
     request
 }
 
@@ -266,7 +271,7 @@ fn the_largest_distance_is_found_and_checked() {
     for kind in ["ellipsoids", "polyhedra"] {
         let mut request = dense(kind, &json!({"type": "none"}));
         request.distance = Distance::Maximize { wall_gap_mm: None };
-        request.method = Method::MonteCarlo { stop: MonteCarloStop { sweeps: Some(2000), time_s: None } };
+        request.method = Method::MonteCarlo { options: growth_of(2000) };
         let packing = packed(&request);
         let reached = packing.report.summary.distance_mm.unwrap();
         assert!(reached > 0.05 && packing.report.check.min_gap_mm.unwrap() >= reached, "{kind} {reached}");
@@ -276,7 +281,7 @@ fn the_largest_distance_is_found_and_checked() {
 #[test]
 fn growth_that_ends_early_says_how_far_it_came() {
     let mut request = dense("ellipsoids", &json!({"type": "none"}));
-    request.method = Method::MonteCarlo { stop: MonteCarloStop { sweeps: Some(5), time_s: None } };
+    request.method = Method::MonteCarlo { options: growth_of(5) };
     match pack(&request, &Limits::default(), &Unattended) {
         Err(PackError::TargetNotReached(TargetNotReached::GrowthStopped(short))) => {
             assert_eq!(short.end, GrowthEnd::SweepLimit);

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use packstone_engine::distance::DistanceRule;
 use packstone_engine::packing::GrainsRef;
-use packstone_engine::request::{Method, MonteCarloStop};
+use packstone_engine::request::{GrowthOptions, Method};
 use packstone_engine::{Packing, PackingRequest};
 use serde_json::{Value, json};
 
@@ -90,7 +90,7 @@ fn packings_hold_in_all_specimens_and_under_all_rules() {
             let mut request = request(specimen, 0.3, &shapes()[index], rule);
             for method in [
                 Method::Rsa { attempts_per_grain: None },
-                Method::MonteCarlo { stop: MonteCarloStop::default() },
+                Method::MonteCarlo { options: GrowthOptions::default() },
             ] {
                 request.method = method;
                 let packing = packed(&request);

@@ -5,9 +5,7 @@
 //! end.
 
 use packstone_engine::packing::GrowthEnd;
-use packstone_engine::request::{
-    EdmdOptions, Method, MonteCarloStop, OnLimit, PackingRequest, VolumeFraction,
-};
+use packstone_engine::request::{GrowthOptions, Method, OnLimit, PackingRequest, VolumeFraction};
 use packstone_engine::{Limits, PackError, Plan};
 use serde_json::json;
 
@@ -70,15 +68,11 @@ fn longer(request: &PackingRequest, end: Option<GrowthEnd>) -> Option<Change> {
 /// Growth in place of random addition, where it is likely to reach the target.
 fn growth(request: &PackingRequest, limits: &Limits) -> Option<Change> {
     let Method::Rsa { .. } = request.method else { return None };
-    let (name, method) = if request.mix.has_shapes() {
-        ("monte_carlo", Method::MonteCarlo { stop: MonteCarloStop::default() })
-    } else {
-        ("edmd", Method::Edmd { options: EdmdOptions::default() })
-    };
+    let method = Method::Growth { options: GrowthOptions::default() };
     let grown = PackingRequest { method, ..request.clone() };
     let plan = Plan::new(&grown, limits).ok()?;
     (plan.success_probability >= LEAST_PROBABILITY).then(|| {
-        let patch = json!({"method": {"type": name, "attempts_per_grain": null}});
+        let patch = json!({"method": {"type": "growth", "attempts_per_grain": null}});
         Change::new("Grow the grains in place of random addition", patch)
     })
 }
@@ -152,7 +146,7 @@ mod tests {
             patches(&json!({"type": "rsa"}), &placed),
             [
                 json!({"on_limit": "keep"}),
-                json!({"method": {"type": "edmd", "attempts_per_grain": null}}),
+                json!({"method": {"type": "growth", "attempts_per_grain": null}}),
                 // 0.5 * 0.75 * 0.98 = 0.3675
                 json!({"mix": {"volume_fraction": 0.367}}),
             ]

@@ -384,8 +384,8 @@ impl Turned for Symmetric {
     const IS_ELLIPSOID: bool = true;
 
     #[inline(always)]
-    fn around(&self) -> &Symmetric {
-        self
+    fn around(&self) -> Symmetric {
+        *self
     }
 
     #[inline(always)]

@@ -88,8 +88,11 @@ pub trait Turned: Copy + Debug {
     /// Whether the body is the ellipsoid around it.
     const IS_ELLIPSOID: bool;
 
+    /// Whether the body is a sphere: a rotation changes nothing, and gaps lie along the line of the centres.
+    const IS_SPHERE: bool = false;
+
     /// Shape matrix of an ellipsoid that holds the body, in mm².
-    fn around(&self) -> &Symmetric;
+    fn around(&self) -> Symmetric;
 
     /// Support function in mm along a unit vector; along a longer one times its length.
     fn support_mm(&self, n: Vector) -> f64;

@@ -11,8 +11,8 @@
 //! is the gap or, where the bodies overlap, minus the smallest depth. However a vector `n` was found, a pair is
 //! accepted only because `s(n) >= g` for that vector.
 //!
-//! [`ellipsoids`] and [`polyhedra`] have the pairs, [`solids`] the bodies of both kinds, [`walls`] the plane and the
-//! cylindrical wall. Packing methods are generic over both kinds by way of [`grain`]. The module knows no packings.
+//! [`ellipsoids`], [`polyhedra`] and [`spheres`] have the pairs, [`solids`] the bodies of all kinds, [`walls`] the plane and the
+//! cylindrical wall. Packing methods are generic over the kinds by way of [`grain`]. The module knows no packings.
 
 // Pair tests are inlined into the loops over pairs, which are compiled for several instruction sets.
 #![allow(clippy::inline_always)]
@@ -22,6 +22,7 @@ pub mod grain;
 pub mod linear;
 pub mod polyhedra;
 pub mod solids;
+pub mod spheres;
 pub mod walls;
 
 #[cfg(test)]

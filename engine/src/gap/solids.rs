@@ -232,7 +232,7 @@ impl Turned for TurnedSolid<'_> {
     const IS_ELLIPSOID: bool = false;
 
     #[inline(always)]
-    fn around(&self) -> &Symmetric {
+    fn around(&self) -> Symmetric {
         of_turned!(self, turned => turned.around())
     }
 
@@ -263,7 +263,7 @@ impl Turned for TurnedSolid<'_> {
     fn first_direction(&self, other: &Self, r: Vector) -> Vector {
         let (a, b) = (self.around(), other.around());
         let (h_a, h_b) = (a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
-        Symmetric::blend(a, b, h_a / (h_a + h_b)).solve(r)
+        Symmetric::blend(&a, &b, h_a / (h_a + h_b)).solve(r)
     }
 
     fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact {

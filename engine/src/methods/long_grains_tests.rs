@@ -6,7 +6,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
 
-use super::monte_carlo::{self, Limits, MonteCarlo};
+use super::monte_carlo::{self, MonteCarlo};
 use super::rsa::End;
 use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::PackingRequest;
@@ -15,7 +15,7 @@ use crate::distance::DistanceRule;
 use crate::gap::grain::ConvexShape;
 use crate::gap::solids::Body;
 use crate::mix::uniform_orientation;
-use crate::request::{Boundary, Distance, Specimen};
+use crate::request::{Boundary, Distance, GrowthStop, Specimen};
 use crate::shape::polyhedron::{TemplateKind, draw_template};
 use crate::shape::{Ellipsoid, Form, Polyhedron, Pose, ScaledPolyhedron, SolidRef};
 
@@ -105,7 +105,7 @@ fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> V
         initial_scale: None,
         swap: true,
         // Few grains make many sweeps in a compression cycle.
-        limits: Limits { time_s: None, sweeps: Some(4000 + 2_000_000 / shapes.len() as u64) },
+        stop: GrowthStop { sweeps: Some(4000 + 2_000_000 / shapes.len() as u64), ..GrowthStop::default() },
         orientation: &uniform_orientation,
         seed: 2,
         preference: None,
@@ -115,8 +115,8 @@ fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> V
     }
     .run(None, &Unattended)
     .unwrap();
-    assert_eq!((outcome.end, outcome.scale), (monte_carlo::End::Target, 1.0), "{specimen:?}");
-    outcome.poses
+    assert_eq!((outcome.end, outcome.scale), (crate::packing::GrowthEnd::Target, 1.0), "{specimen:?}");
+    outcome.placed
 }
 
 /// Needles, discs and both among rounder grains, in boxes with one and two short edges.

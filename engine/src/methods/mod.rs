@@ -1,8 +1,8 @@
 //! Packing methods: each finds positions for the grains of a mix in a specimen.
 //!
 //! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] ellipsoids and convex polyhedra;
-//! [`edmd`] lets smaller spheres move, collide and grow, [`monte_carlo`] lets ellipsoids and convex polyhedra move at
-//! random, push each other and grow.
+//! [`edmd`] lets smaller spheres move, collide and grow, [`monte_carlo`] lets any grains move at random, push each other
+//! and grow; [`growth`] has what both share.
 
 mod bins;
 #[cfg(test)]
@@ -10,6 +10,7 @@ mod bins;
 mod brute_force_tests;
 mod choice;
 pub mod edmd;
+pub mod growth;
 mod image_names;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

@@ -11,7 +11,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::json;
 
-use super::monte_carlo::{self, Limits, MonteCarlo, Statistics};
+use super::growth::Outcome;
+use super::monte_carlo::MonteCarlo;
 use super::rsa::End;
 use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::check::certify_shapes;
@@ -21,7 +22,8 @@ use crate::distance::DistanceRule;
 use crate::gap::grain::ConvexShape;
 use crate::gap::polyhedra::Body;
 use crate::mix::uniform_orientation;
-use crate::request::{Boundary, Distance, PackingRequest, Specimen};
+use crate::packing::{GrowthEnd, MonteCarloStatistics};
+use crate::request::{Boundary, Distance, GrowthStop, PackingRequest, Specimen};
 use crate::rng::uniform;
 use crate::shape::polyhedron::samples::cuboid;
 use crate::shape::polyhedron::{TemplateKind, draw_template};
@@ -111,7 +113,7 @@ fn growth<'a>(
         maximize,
         initial_scale: None,
         swap: true,
-        limits: Limits::default(),
+        stop: GrowthStop::default(),
         orientation: &uniform_orientation,
         seed: 3,
         preference: None,
@@ -119,6 +121,15 @@ fn growth<'a>(
         to_jamming: None,
         keeps_partial: false,
     }
+}
+
+/// What growth counted.
+fn counted(outcome: &Outcome<Vec<Pose>>) -> MonteCarloStatistics {
+    outcome.statistics.monte_carlo.unwrap()
+}
+
+fn sweeps(most: u64) -> GrowthStop {
+    GrowthStop { sweeps: Some(most), ..GrowthStop::default() }
 }
 
 /// Fails unless all gaps are kept, by the check, which shares nothing with the methods.
@@ -180,9 +191,9 @@ fn grown_grains_keep_all_gaps_in_all_specimens() {
                 let shapes = shapes(&templates, specimen, fraction, 7.0);
                 let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
                 let outcome = growth(&shapes, specimen, distance).run(None, &Unattended).unwrap();
-                assert_eq!((outcome.end, outcome.scale), (monte_carlo::End::Target, 1.0), "{distance:?}");
-                assert_valid(specimen, distance, &shapes, &outcome.poses);
-                assert!(outcome.statistics.cycles > 1 && outcome.statistics.moves_accepted > 0);
+                assert_eq!((outcome.end, outcome.scale), (GrowthEnd::Target, 1.0), "{distance:?}");
+                assert_valid(specimen, distance, &shapes, &outcome.placed);
+                assert!(counted(&outcome).compression_cycles > 1 && counted(&outcome).moves_accepted > 0);
             }
         }
     }
@@ -206,7 +217,7 @@ properties! {
         let shapes = if is_mixed { with_ellipsoids(shapes) } else { shapes };
         let poses = if grows {
             let method = MonteCarlo { seed, ..growth(&shapes, &specimen, &distance) };
-            method.run(None, &Unattended).unwrap().poses
+            method.run(None, &Unattended).unwrap().placed
         } else {
             let rsa = rsa(&shapes, &specimen, &distance);
             let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
@@ -310,8 +321,8 @@ fn a_long_grain_keeps_clear_of_its_own_images() {
     let mut shapes = vec![polyhedron(&beam, 1.0)];
     shapes.extend(vec![polyhedron(&cube, 1.0); 18]);
     let outcome = growth(&shapes, &specimen, &NONE).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, monte_carlo::End::Target);
-    assert_valid(&specimen, &NONE, &shapes, &outcome.poses);
+    assert_eq!(outcome.end, GrowthEnd::Target);
+    assert_valid(&specimen, &NONE, &shapes, &outcome.placed);
     let along = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
     let rsa =
         ShapeRsa { orientation: &along, attempts_per_grain: Some(100_000), ..rsa(&shapes, &specimen, &NONE) };
@@ -325,12 +336,12 @@ fn a_dense_packing_prefers_no_direction() {
     let templates = cuts(0.0);
     let shapes = shapes(&templates, &specimen, 0.53, 7.0);
     let outcome = growth(&shapes, &specimen, &NONE).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, monte_carlo::End::Target);
-    assert_valid(&specimen, &NONE, &shapes, &outcome.poses);
+    assert_eq!(outcome.end, GrowthEnd::Target);
+    assert_valid(&specimen, &NONE, &shapes, &outcome.placed);
     let mut tensor = Matrix3::zeros();
-    for pose in &outcome.poses {
+    for pose in &outcome.placed {
         let axis = pose.orientation * Vector3::x();
-        tensor += axis * axis.transpose() / outcome.poses.len() as f64;
+        tensor += axis * axis.transpose() / outcome.placed.len() as f64;
     }
     assert!((tensor - Matrix3::identity() / 3.0).abs().max() < 0.06, "{tensor}");
 }
@@ -342,11 +353,11 @@ fn every_cycle_ends_valid_at_its_scale() {
     for (sweeps, is_mixed) in [(5, false), (40, false), (120, false), (5, true), (120, true)] {
         let shapes = if is_mixed { with_ellipsoids(polyhedra.clone()) } else { polyhedra.clone() };
         let mut method = growth(&shapes, &BOX, &NONE);
-        method.limits.sweeps = Some(sweeps);
+        method.stop.sweeps = Some(sweeps);
         let outcome = method.run(None, &Unattended).unwrap();
         let scale = outcome.scale * (1.0 - 1e-12);
         let present: Vec<_> = shapes.iter().map(|shape| shape.scaled(scale).unwrap()).collect();
-        assert_valid(&BOX, &NONE, &present, &outcome.poses);
+        assert_valid(&BOX, &NONE, &present, &outcome.placed);
     }
 }
 
@@ -356,12 +367,12 @@ fn runs_are_the_same_again_and_on_every_processor() {
     let polyhedra = shapes(&templates, &BOX, 0.5, 6.0);
     let distance = Distance::Proportional { factor: 0.02, wall_gap_mm: None };
     for shapes in [polyhedra.clone(), with_ellipsoids(polyhedra)] {
-        let run = || growth(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().poses;
+        let run = || growth(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().placed;
         let poses = run();
         assert_eq!(poses, run());
         assert_eq!(poses, on_baseline(run));
         let other = MonteCarlo { seed: 4, ..growth(&shapes, &BOX, &distance) };
-        assert_ne!(poses, other.run(None, &Unattended).unwrap().poses);
+        assert_ne!(poses, other.run(None, &Unattended).unwrap().placed);
     }
 }
 
@@ -393,28 +404,28 @@ fn a_run_goes_on_from_any_checkpoint_as_if_it_had_never_stopped() {
         };
         let method = MonteCarlo {
             keep_checkpoint: Some(&keep),
-            limits: Limits { sweeps: Some(120), time_s: None },
+            stop: sweeps(120),
             initial_scale: Some(0.85),
             ..growth(&shapes, &BOX, &distance)
         };
         let whole = method.run(None, &Wants).unwrap();
         let bodies = std::mem::take(&mut *bodies.lock().unwrap());
-        assert!(bodies.len() > 2 && whole.statistics.swaps_accepted > 0, "{}", bodies.len());
+        assert!(bodies.len() > 2 && counted(&whole).swaps_accepted > 0, "{}", bodies.len());
         // The first, the last and every other one between.
         for body in bodies.iter().step_by(2).chain(bodies.last()) {
             let resumed = method.run(Some(body), &Unattended).unwrap();
-            assert_eq!(resumed.poses, whole.poses);
-            let counted = Statistics { resumes: 0, ..resumed.statistics };
-            assert_eq!((counted, resumed.statistics.resumes), (whole.statistics, 1));
-            assert_eq!((resumed.gap_mm, resumed.end), (whole.gap_mm, whole.end));
+            assert_eq!(resumed.placed, whole.placed);
+            let as_whole = MonteCarloStatistics { resumes: 0, ..counted(&resumed) };
+            assert_eq!((as_whole, counted(&resumed).resumes), (counted(&whole), 1));
+            assert_eq!((resumed.distance_mm, resumed.end), (whole.distance_mm, whole.end));
         }
         let body = &bodies[1];
-        let short = MonteCarlo { limits: Limits { sweeps: Some(5), time_s: None }, ..method };
+        let short = MonteCarlo { stop: sweeps(5), ..method };
         for at in (0..body.len()).step_by(body.len() / 20) {
             let mut damaged = body.clone();
             damaged[at] ^= 0xff;
             let outcome = short.run(Some(&damaged), &Unattended).unwrap();
-            assert_eq!(outcome.poses.len(), shapes.len());
+            assert_eq!(outcome.placed.len(), shapes.len());
         }
     }
 }
@@ -426,12 +437,12 @@ fn the_largest_gap_is_kept_by_all() {
         for specimen in &specimens() {
             let shapes = shapes(&templates, specimen, 0.35, 6.0);
             let mut method = growth(&shapes, specimen, &Distance::Maximize { wall_gap_mm });
-            method.limits.sweeps = Some(400);
+            method.stop.sweeps = Some(400);
             let outcome = method.run(None, &Unattended).unwrap();
-            let gap_mm = outcome.gap_mm.unwrap();
+            let gap_mm = outcome.distance_mm.unwrap();
             assert!(gap_mm > 0.1 && outcome.scale == 1.0, "{gap_mm}");
             let distance = Distance::Constant { gap_mm, wall_gap_mm };
-            assert_valid(specimen, &distance, &shapes, &outcome.poses);
+            assert_valid(specimen, &distance, &shapes, &outcome.placed);
         }
     }
 }

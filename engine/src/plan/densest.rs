@@ -10,7 +10,7 @@ use super::shapes;
 use crate::distance::DistanceRule;
 use crate::elementary::{cbrt, log10};
 use crate::mix::GradedMix;
-use crate::request::{Distance, Method, PackingRequest, VolumeFraction};
+use crate::request::{Distance, PackingRequest, VolumeFraction};
 
 /// Steps towards the volume fraction.
 const STEPS: u32 = 6;
@@ -40,8 +40,10 @@ impl Drawing {
             let rule = DistanceRule::new(&drawn.distance, &drawn.specimen);
             let case = Case::of_mix(&drawn, &mix, &rule);
             let at_jamming = case.features.jamming(case.grains);
-            let at_jamming =
-                mix.shapes.as_ref().map_or(at_jamming, |of| at_jamming.min(shapes::known(of).dense_reach));
+            let at_jamming = mix
+                .shapes
+                .as_ref()
+                .map_or(at_jamming, |of| at_jamming.min(shapes::known(of.kind()).dense_reach));
             drawing = drawing.at_scale(cbrt(at_jamming / case.filled));
         }
         Some(drawing)
@@ -93,7 +95,7 @@ impl Drawing {
             // Reading a request refuses it beside a volume fraction that is to be as large as possible.
             Distance::Maximize { wall_gap_mm } => Distance::Maximize { wall_gap_mm },
         };
-        if let Method::Edmd { options } = &mut drawn.method {
+        if let Some(options) = drawn.method.growth_mut() {
             options.initial_scale = options.initial_scale.map(|share| share * scale);
         }
         drawn

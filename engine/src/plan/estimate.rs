@@ -11,7 +11,7 @@ use crate::elementary::log10;
 use crate::methods::edmd::Expected;
 use crate::mix::GradedMix;
 use crate::request::{
-    Distance, EdmdOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
+    Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
 };
 
 /// What one method is likely to do with a mix.
@@ -72,6 +72,8 @@ pub(super) struct Case<'a> {
     pub(super) features: Features,
     /// Whether the grains grow until they jam, in place of to their size.
     to_jamming: bool,
+    /// What is known of growth by moves, which the grains grow by; `None` where they grow by events.
+    by_moves: Option<&'static shapes::Known>,
 }
 
 impl<'a> Case<'a> {
@@ -87,6 +89,8 @@ impl<'a> Case<'a> {
             filled: coated_mm3 / room_mm3(request, rule, mix.d_max_mm),
             features: features(request, mix, factor, offset),
             to_jamming: false,
+            by_moves: (GrowthBy::of(&request.method, mix.shapes.is_some()) == GrowthBy::Moves)
+                .then(|| shapes::known(mix.kind())),
         }
     }
 
@@ -114,11 +118,11 @@ impl<'a> Case<'a> {
     }
 
     pub(super) fn methods(&self) -> MethodEstimates {
-        let (attempts, options) = match self.request.method {
-            Method::Rsa { attempts_per_grain } => (attempts_per_grain, EdmdOptions::default()),
-            Method::Edmd { options } => (None, options),
-            Method::Auto {} | Method::MonteCarlo { .. } => (None, EdmdOptions::default()),
+        let attempts = match self.request.method {
+            Method::Rsa { attempts_per_grain } => attempts_per_grain,
+            _ => None,
         };
+        let options = self.options_of_events();
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
         let maximize = self.is_without_target();
         let of_spheres = MethodEstimates {
@@ -135,8 +139,12 @@ impl<'a> Case<'a> {
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
         };
-        let mut methods = match &self.mix.shapes {
-            Some(of_grains) => shapes::limited(of_spheres, of_grains, filled, grains),
+        let mut methods = match self.by_moves {
+            Some(known) => {
+                let limited = shapes::limited(of_spheres, known, filled, grains);
+                let rsa = if self.mix.shapes.is_some() { limited.rsa } else { of_spheres.rsa };
+                MethodEstimates { rsa, ..limited }
+            }
             None => of_spheres,
         };
         if self.to_jamming {
@@ -144,6 +152,17 @@ impl<'a> Case<'a> {
             methods.growth.success_probability = 1.0;
         }
         methods
+    }
+
+    /// The options of growth by events. What moves are expected to take is known without limits alone.
+    fn options_of_events(&self) -> GrowthOptions {
+        let options = self.request.method.growth().filter(|_| self.by_moves.is_none());
+        options.copied().unwrap_or_default()
+    }
+
+    /// Whether the grains grow by moves, where they grow.
+    pub(super) fn grows_by_moves(&self) -> bool {
+        self.by_moves.is_some()
     }
 
     /// What growth of spheres to the target is expected to take, at most the events of a stall.
@@ -171,7 +190,7 @@ impl<'a> Case<'a> {
                 success_probability: methods.rsa.success_probability.max(methods.growth.success_probability),
                 ..methods.rsa
             },
-            Method::Edmd { .. } | Method::MonteCarlo { .. } | Method::Auto {} => methods.growth,
+            _ => methods.growth,
         }
     }
 
@@ -203,15 +222,14 @@ impl<'a> Case<'a> {
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
         let features = features(self.request, self.mix, 1.0, distance_mm);
         let filled = self.mix.expected_coated_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
-        if self.mix.shapes.as_ref().is_some_and(|of_grains| filled > shapes::known(of_grains).dense_reach) {
+        if self.by_moves.is_some_and(|known| filled > known.dense_reach) {
             return false;
         }
         match self.request.method {
             Method::Rsa { attempts_per_grain } if by_rsa => {
                 features.rsa_success(filled, attempts_per_grain) >= LIKELY
             }
-            Method::Edmd { options } => features.growth_success(filled, self.grains, &options) >= LIKELY,
-            _ => features.growth_success(filled, self.grains, &EdmdOptions::default()) >= LIKELY,
+            _ => features.growth_success(filled, self.grains, &self.options_of_events()) >= LIKELY,
         }
     }
 
@@ -221,20 +239,16 @@ impl<'a> Case<'a> {
         if matches!(self.request.distance, Distance::SmallerDiameter { .. }) {
             beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
         }
-        if let Some(of_grains) = &self.mix.shapes {
-            beyond.push(shapes::known(of_grains).extrapolation.into());
+        if let Some(known) = self.by_moves {
+            beyond.push(known.extrapolation.into());
         }
-        let options = match self.request.method {
-            Method::Edmd { options } => options,
-            Method::Rsa { attempts_per_grain: Some(_) } => {
-                beyond.push("a number of attempts per grain".into());
-                EdmdOptions::default()
-            }
-            _ => EdmdOptions::default(),
-        };
-        let unmoved = EdmdOptions { stop: options.stop, ..EdmdOptions::default() };
+        if let Method::Rsa { attempts_per_grain: Some(_) } = self.request.method {
+            beyond.push("a number of attempts per grain".into());
+        }
+        let options = self.request.method.growth().copied().unwrap_or_default();
+        let unmoved = GrowthOptions { stop: options.stop, ..GrowthOptions::default() };
         if options != unmoved || options.stop.stall_dt_s.is_some() {
-            beyond.push("options of edmd other than the limits of time and events".into());
+            beyond.push("options of growth other than the limits of time and work".into());
         }
         if matches!(self.request.segregation, Segregation::Gradient { strength, .. } if strength > 0.0) {
             beyond.push("a gradient in the placement, taken as if grains lay anywhere".into());

@@ -148,5 +148,24 @@ fn what_was_not_studied_is_said() {
         json!({"specimen": cube, "mix": mix, "method": {"type": "rsa", "attempts_per_grain": 1000}});
     assert_eq!(beyond(&attempts), ["a number of attempts per grain"]);
     let slow = json!({"specimen": cube, "mix": mix, "method": {"type": "edmd", "growth_rate": 0.01}});
-    assert!(beyond(&slow)[0].contains("options of edmd"));
+    assert!(beyond(&slow)[0].contains("options of growth"));
+}
+
+#[test]
+fn spheres_that_grow_by_moves_are_planned_as_such() {
+    let plan = |method: &str| {
+        let value = json!({
+            "specimen": {"type": "box", "size_mm": [80, 80, 80]},
+            "mix": {"grading": {"type": "fuller", "d_max_mm": 16, "exponent": 0.5}, "d_min_mm": 2,
+                "volume_fraction": 0.66, "volume_fraction_of": "placed_grains"},
+            "method": {"type": method},
+        });
+        Plan::new(&PackingRequest::from_json(&value, 1).unwrap(), &Limits::default()).unwrap()
+    };
+    let [events, growth, moves] = ["edmd", "growth", "monte_carlo"].map(plan);
+    assert_eq!(growth, events);
+    assert!(moves.estimated_time_s > events.estimated_time_s, "{moves:?}");
+    assert_eq!(moves.methods.rsa, events.methods.rsa);
+    assert!(moves.extrapolations.iter().any(|w| w.contains("spheres that grow by moves")), "{moves:?}");
+    assert!(moves.most_threads == 1 && moves.keeps_checkpoints);
 }

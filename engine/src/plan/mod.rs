@@ -235,20 +235,21 @@ impl Plan {
         let places_first = methods.places_first();
         let grows = match request.method {
             Method::Rsa { .. } => false,
-            Method::Edmd { .. } | Method::MonteCarlo { .. } => true,
             Method::Auto {} => !places_first,
+            _ => true,
         };
         let is_maximized =
             matches!((&request.method, &request.distance), (Method::Auto {}, Distance::Maximize { .. }));
+        let by_moves = case.grows_by_moves();
         let memory_bytes = match &mix.shapes {
-            None => {
+            None if !by_moves => {
                 let features = &case.features;
                 let placed = if grows { case.growth().start_fraction.min(case.filled) } else { case.filled };
                 memory_bytes(grains, placed / features.rsa_limit(None), features.spread(), grows)
             }
-            Some(of_grains) => (cost::BYTES + grains * shapes::bytes_per_grain(of_grains, grows)) as u64,
+            shapes => (cost::BYTES + grains * shapes::bytes_per_grain(shapes.as_ref(), grows)) as u64,
         };
-        check_limits(&mix, grains, memory_bytes, limits)?;
+        check_limits(&case, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
         warnings.extend(mix_warnings(request, &mix, densest.is_some()));
         let cube = densest.map_or(1.0, |drawing| drawing.scale().powi(3));
@@ -269,7 +270,7 @@ impl Plan {
             volume_fraction_with_coating: cube * case.coated_mm3 / specimen_volume_mm3,
             memory_bytes,
             estimated_time_s: likely.time_s,
-            most_threads: most_threads(request, &mix, grains, grows),
+            most_threads: most_threads(&case, grows),
             success_probability: likely.success_probability,
             methods,
             proposal: None,
@@ -310,9 +311,10 @@ impl Plan {
 
 /// Threads that a run has work for: threads share the growth of many spheres, and their random addition where they
 /// prefer no places.
-fn most_threads(request: &PackingRequest, mix: &GradedMix, grains: f64, grows: bool) -> u32 {
+fn most_threads(case: &Case<'_>, grows: bool) -> u32 {
+    let (request, mix, grains) = (case.request, case.mix, case.grains);
     if grows {
-        let is_shared = mix.shapes.is_none() && grains >= LEAST_GROWN_IN_BLOCKS as f64;
+        let is_shared = !case.grows_by_moves() && grains >= LEAST_GROWN_IN_BLOCKS as f64;
         return if is_shared { MOST_GROWING_THREADS } else { 1 };
     }
     let is_shared = mix.shapes.is_none()
@@ -390,13 +392,15 @@ fn check_maximize(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanE
     Ok(())
 }
 
-fn check_limits(mix: &GradedMix, grains: f64, memory_bytes: u64, limits: &Limits) -> Result<(), PlanError> {
+fn check_limits(case: &Case<'_>, memory_bytes: u64, limits: &Limits) -> Result<(), PlanError> {
+    let mix = case.mix;
+    let grains = mix.expected_grains();
     let field = if mix.list.is_some() { "/mix/grading/diameters_mm" } else { "/mix/d_min_mm" };
     let advice = if mix.list.is_some() { "name fewer" } else { "raise d_min_mm or take a smaller specimen" };
     let too_large = |detail: String| {
         Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
     };
-    let of_method = if mix.shapes.is_some() { monte_carlo::MAX_GRAINS } else { MAX_GRAINS };
+    let of_method = if case.grows_by_moves() { monte_carlo::MAX_GRAINS } else { MAX_GRAINS };
     let max_grains = limits.max_grains.min(MAX_PLACED).min(of_method as u64);
     if grains > max_grains as f64 {
         return too_large(format!(

@@ -8,7 +8,7 @@
 use super::rods::random_close;
 use crate::elementary::{exp, ln, log10, powf};
 use crate::methods::edmd::MOST_START;
-use crate::request::EdmdOptions;
+use crate::request::GrowthOptions;
 
 /// Random sequential addition: `-ln(1 - phi)` at its end is linear in moments of the sizes.
 mod rsa {
@@ -211,7 +211,7 @@ impl Features {
     }
 
     /// Events per grain that the options leave growth.
-    fn events_allowed(grains: f64, options: &EdmdOptions) -> f64 {
+    fn events_allowed(grains: f64, options: &GrowthOptions) -> f64 {
         let by_events = options.stop.events.map_or(f64::INFINITY, |events| events as f64 / grains);
         let by_time = options.stop.time_s.map_or(f64::INFINITY, |seconds| {
             ((seconds / grains - start_s(grains)) / event_s(grains)).max(0.0)
@@ -220,14 +220,14 @@ impl Features {
     }
 
     /// Probability that growth reaches a volume fraction.
-    pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
+    pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &GrowthOptions) -> f64 {
         let needed = self.events_per_grain(filled, grains);
         let allowed = growth::LAST_SUCCESS.min(Self::events_allowed(grains, options));
         normal(ln(allowed / needed) / growth::ERROR)
     }
 
     /// Time of growth in s, to its end or its success.
-    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &EdmdOptions) -> f64 {
+    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &GrowthOptions) -> f64 {
         let most = growth::STALL.min(Self::events_allowed(grains, options));
         let events = self.events_per_grain(filled, grains).min(most);
         let placing_s = self.rsa_time_s(self.starts_from(filled), grains, None);
@@ -235,7 +235,7 @@ impl Features {
     }
 
     /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.
-    pub(crate) fn growth_reach(&self, grains: f64, options: &EdmdOptions) -> f64 {
+    pub(crate) fn growth_reach(&self, grains: f64, options: &GrowthOptions) -> f64 {
         bisect(0.0, self.jamming(grains), |filled| self.growth_success(filled, grains, options) >= LIKELY)
     }
 

@@ -8,11 +8,10 @@ pub mod aggregate;
 mod axis;
 pub mod blend;
 pub mod decode;
-pub mod edmd;
 pub mod grading;
+pub mod growth;
 pub mod materials;
 mod mix;
-pub mod monte_carlo;
 mod packing_model;
 pub mod presets;
 pub mod proportions;
@@ -30,13 +29,12 @@ pub use aggregate::{Aggregate, MAX_AGGREGATES, MixPart};
 pub use axis::Axis;
 pub use blend::{BlendRequest, Stockpile, Target};
 pub use decode::FieldError;
-pub use edmd::{EdmdOptions, EdmdStop};
 pub use grading::{
     Between, By, Distribution, DistributionLaw, Form, Grading, LimitCurve, SizeClass, SizeShare, Standard,
     standard,
 };
+pub use growth::{GrowthBy, GrowthOptions, GrowthStop};
 pub use materials::{Material, Materials};
-pub use monte_carlo::MonteCarloStop;
 pub use packing_model::PackingModel;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
@@ -110,13 +108,10 @@ impl PackingRequest {
     /// without the materials. A run goes on with others of these where it was.
     #[must_use]
     pub fn without_limits(&self) -> Self {
-        let method = match self.method {
-            Method::Edmd { options } => {
-                Method::Edmd { options: EdmdOptions { stop: EdmdStop::default(), ..options } }
-            }
-            Method::MonteCarlo { .. } => Method::MonteCarlo { stop: MonteCarloStop::default() },
-            other @ (Method::Auto {} | Method::Rsa { .. }) => other,
-        };
+        let mut method = self.method;
+        if let Some(options) = method.growth_mut() {
+            options.stop = GrowthStop::default();
+        }
         Self { method, on_limit: OnLimit::Fail, materials: None, ..self.clone() }
     }
 }
@@ -463,8 +458,7 @@ impl Distance {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
-    /// Let the engine choose: `rsa` where that will surely do, else `edmd`, or `monte_carlo` for grains that are no
-    /// spheres.
+    /// Let the engine choose: `rsa` where that will surely do, else `growth`.
     Auto {},
     /// Random sequential addition, largest grain first.
     Rsa {
@@ -481,18 +475,43 @@ pub enum Method {
         #[serde(skip_serializing_if = "Option::is_none")]
         attempts_per_grain: Option<u64>,
     },
-    /// Event-driven molecular dynamics: grains move and grow until they have their size and distance.
+    /// Grains move and grow until they have their size and distance: spheres as by `edmd`, other grains, and spheres
+    /// among them, as by `monte_carlo`.
+    Growth {
+        /// Its parameters.
+        #[serde(flatten)]
+        options: GrowthOptions,
+    },
+    /// Growth by event-driven molecular dynamics, of spheres alone: grains move on straight lines and collide.
     Edmd {
         /// Its parameters.
         #[serde(flatten)]
-        options: EdmdOptions,
+        options: GrowthOptions,
     },
-    /// Hard-particle Monte Carlo, for shaped grains: grains move, turn, exchange their places and grow,
-    /// and those that come to overlap push each other apart.
+    /// Growth by hard-particle Monte Carlo, of any grains: they move, turn and exchange their places at random, and
+    /// those that come to overlap push each other apart. Spheres are packed faster by `edmd`.
     MonteCarlo {
-        /// When to give up.
-        #[cfg_attr(feature = "openapi", schema(required = false))]
-        #[serde(skip_serializing_if = "MonteCarloStop::is_empty")]
-        stop: MonteCarloStop,
+        /// Its parameters.
+        #[serde(flatten)]
+        options: GrowthOptions,
     },
+}
+
+impl Method {
+    /// The parameters of growth, where the method is one that grows.
+    #[must_use]
+    pub fn growth(&self) -> Option<&GrowthOptions> {
+        match self {
+            Self::Growth { options } | Self::Edmd { options } | Self::MonteCarlo { options } => Some(options),
+            Self::Auto {} | Self::Rsa { .. } => None,
+        }
+    }
+
+    /// The same, to be changed.
+    pub fn growth_mut(&mut self) -> Option<&mut GrowthOptions> {
+        match self {
+            Self::Growth { options } | Self::Edmd { options } | Self::MonteCarlo { options } => Some(options),
+            Self::Auto {} | Self::Rsa { .. } => None,
+        }
+    }
 }

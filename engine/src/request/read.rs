@@ -3,10 +3,9 @@
 use serde_json::Value;
 
 use super::decode::{At, Bound, Faults, Object};
-use super::edmd;
 use super::grading::{LENGTH, length};
+use super::growth;
 use super::mix::read_mix;
-use super::monte_carlo;
 use super::segregation::read_segregation;
 use super::{
     Boundary, Distance, FieldError, MAX_LENGTH_MM, MAX_SEED, Materials, Method, Mix, OnLimit, PackingRequest,
@@ -106,31 +105,15 @@ impl PackingRequest {
         if let (Some(at), Some(mix)) = (&mix_at, &mix) {
             judge_maximum(at, mix, distance.as_ref(), method.as_ref())?;
         }
-        if let Some(mix) = &mix {
-            let has_shapes = mix.has_shapes();
-            let fault = match (&method_at, &method) {
-                (Some(at), Some(Method::Edmd { .. })) if has_shapes => Some((
-                    at,
-                    "\"edmd\" packs spheres alone: must be \"monte_carlo\", \"rsa\" or \"auto\" for grains with a shape",
-                )),
-                (Some(at), Some(Method::MonteCarlo { .. })) if !has_shapes => Some((
-                    at,
-                    "\"monte_carlo\" packs grains with a shape: must be \"edmd\", \"rsa\" or \"auto\" for spheres",
-                )),
-                _ => None,
-            };
-            if let Some((at, detail)) = fault {
-                // Where the fault is: no other field of the object would be right with this type.
-                at.object()?.required("type")?.fault(detail);
-                return None;
-            }
+        if let (Some(mix), Some(at), Some(method)) = (&mix, &method_at, &method) {
+            growth::judge(at, method, mix.has_shapes())?;
         }
         if let (Some(at), Some(Distance::Maximize { .. }), Some(Method::Rsa { .. })) =
             (&distance_at, &distance, &method)
         {
             // Where the fault is: no other field of the distance would be right with this method.
             at.object()?.required("type")?.fault(
-                "\"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\"",
+                "\"maximize\" needs grains that grow: the method must be \"growth\" or \"auto\", not \"rsa\"",
             );
             return None;
         }
@@ -158,7 +141,7 @@ fn judge_maximum(
         return Some(());
     }
     let detail = if let Some(Method::Rsa { .. }) = method {
-        "\"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\""
+        "\"maximize\" needs grains that grow: the method must be \"growth\" or \"auto\", not \"rsa\""
     } else if let Some(Distance::Maximize { .. }) = distance {
         "\"maximize\" needs a given distance: the distance must be another than \"maximize\", or this a number"
     } else {
@@ -253,6 +236,7 @@ fn read_method(at: &At<'_>) -> Option<Method> {
     enum Kind {
         Auto,
         Rsa,
+        Growth,
         Edmd,
         MonteCarlo,
     }
@@ -260,6 +244,7 @@ fn read_method(at: &At<'_>) -> Option<Method> {
     let kind = object.variant(&[
         ("auto", Kind::Auto),
         ("rsa", Kind::Rsa),
+        ("growth", Kind::Growth),
         ("edmd", Kind::Edmd),
         ("monte_carlo", Kind::MonteCarlo),
     ])?;
@@ -271,8 +256,9 @@ fn read_method(at: &At<'_>) -> Option<Method> {
             }
             None => Some(Method::Rsa { attempts_per_grain: None }),
         },
-        Kind::Edmd => edmd::read_options(&mut object).map(|options| Method::Edmd { options }),
-        Kind::MonteCarlo => monte_carlo::read_stop(&mut object).map(|stop| Method::MonteCarlo { stop }),
+        Kind::Growth => growth::read_options(&mut object).map(|options| Method::Growth { options }),
+        Kind::Edmd => growth::read_options(&mut object).map(|options| Method::Edmd { options }),
+        Kind::MonteCarlo => growth::read_options(&mut object).map(|options| Method::MonteCarlo { options }),
     };
     object.finish();
     method

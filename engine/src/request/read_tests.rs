@@ -4,7 +4,7 @@ use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::super::{DEFAULT_D_MIN_MM, EdmdOptions, EdmdStop, Grading, VolumeFraction};
+use super::super::{DEFAULT_D_MIN_MM, Grading, GrowthOptions, GrowthStop, VolumeFraction};
 use super::*;
 
 fn valid() -> Value {
@@ -198,7 +198,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["method"] = json!({"type": "lubachevsky"}),
-            "/method/type: \"lubachevsky\" is unknown: must be one of \"auto\", \"rsa\", \"edmd\", \"monte_carlo\"",
+            "/method/type: \"lubachevsky\" is unknown: must be one of \"auto\", \"rsa\", \"growth\", \"edmd\", \"monte_carlo\"",
         ),
         (
             |v| v["distance"] = json!({"type": "minimize"}),
@@ -206,7 +206,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["distance"] = json!({"type": "maximize"}),
-            "/distance/type: \"maximize\" needs grains that grow: the method must be \"edmd\", \"monte_carlo\" or \"auto\", not \"rsa\"",
+            "/distance/type: \"maximize\" needs grains that grow: the method must be \"growth\" or \"auto\", not \"rsa\"",
         ),
         (
             |v| {
@@ -242,7 +242,7 @@ fn every_fault_names_field_value_and_bound() {
         (|v| v["method"] = json!({"type": "edmd", "stop": 60}), "/method/stop: 60 is not an object"),
         (
             |v| v["method"] = json!({"type": "edmd", "stop": {"time": 60}}),
-            "/method/stop/time: unknown field: this object has time_s, events, stall_dt_s",
+            "/method/stop/time: unknown field: this object has time_s, events, sweeps, stall_dt_s",
         ),
         (
             |v| v["method"] = json!({"type": "edmd", "stop": {"time_s": 0}}),
@@ -268,13 +268,66 @@ fn parameters_that_are_absent_stay_absent() {
     value["method"] = json!({"type": "edmd", "swap": null, "stop": {}});
     value["distance"] = json!({"type": "maximize"});
     let request = PackingRequest::from_json(&value, 1).unwrap();
-    assert_eq!(request.method, Method::Edmd { options: EdmdOptions::default() });
+    assert_eq!(request.method, Method::Edmd { options: GrowthOptions::default() });
     assert_eq!(request.distance, Distance::Maximize { wall_gap_mm: None });
     let written = serde_json::to_value(&request).unwrap();
     assert_eq!(written["method"], json!({"type": "edmd"}));
     assert_eq!(written["distance"], json!({"type": "maximize"}));
     value["method"] = json!({"type": "auto"});
     assert!(PackingRequest::from_json(&value, 1).is_ok(), "auto may choose a method that maximizes");
+}
+
+#[test]
+fn an_option_that_a_way_of_growth_has_no_use_for_is_named() {
+    let shape =
+        json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6}});
+    let cases = [
+        (false, json!({"type": "growth", "growth_rate": 0.1, "stop": {"events": 5}}), ""),
+        (
+            false,
+            json!({"type": "monte_carlo", "initial_scale": 0.7, "swap": false, "stop": {"sweeps": 5}}),
+            "",
+        ),
+        (true, json!({"type": "growth", "initial_scale": 0.7, "stop": {"sweeps": 5, "time_s": 1}}), ""),
+        (
+            false,
+            json!({"type": "growth", "stop": {"sweeps": 5}}),
+            "/method/stop/sweeps: spheres grow by \"edmd\", which has no use for it: must be left out",
+        ),
+        (
+            true,
+            json!({"type": "growth", "equal_mass": true}),
+            "/method/equal_mass: grains with a shape grow by \"monte_carlo\", which has no use for it: must be left out",
+        ),
+        (
+            false,
+            json!({"type": "monte_carlo", "growth_rate": 0.1}),
+            "/method/growth_rate: \"monte_carlo\" has no use for it: must be left out",
+        ),
+        (
+            false,
+            json!({"type": "edmd", "stop": {"sweeps": 7}}),
+            "/method/stop/sweeps: \"edmd\" has no use for it: must be left out",
+        ),
+        (
+            true,
+            json!({"type": "edmd"}),
+            "/method/type: \"edmd\" packs spheres alone: must be \"growth\", \"monte_carlo\", \"rsa\" or \"auto\" for \
+             grains with a shape",
+        ),
+    ];
+    for (has_shape, method, message) in cases {
+        let mut value = valid();
+        value["method"] = method.clone();
+        if has_shape {
+            value["mix"]["shape"] = shape.clone();
+        }
+        let found = PackingRequest::from_json(&value, 1).err().unwrap_or_default();
+        let found: Vec<String> =
+            found.iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect();
+        let expected = if message.is_empty() { Vec::new() } else { vec![message.to_owned()] };
+        assert_eq!(found, expected, "{method}");
+    }
 }
 
 #[test]
@@ -295,34 +348,29 @@ fn some<T: std::fmt::Debug + Clone>(
     prop::option::of(of)
 }
 
-fn edmd_options() -> impl Strategy<Value = EdmdOptions> {
+fn growth_options() -> impl Strategy<Value = GrowthOptions> {
     let stop = (
-        some(1.0e-3..=edmd::MAX_STOP_TIME_S),
-        some(1..=edmd::MAX_EVENTS as u64),
+        some(1.0e-3..=growth::MAX_STOP_TIME_S),
+        some(1..=growth::MAX_EVENTS as u64),
         some(f64::MIN_POSITIVE..=1.0),
     )
-        .prop_map(|(time_s, events, stall_dt_s)| EdmdStop { time_s, events, stall_dt_s });
+        .prop_map(|(time_s, events, stall_dt_s)| GrowthStop { time_s, events, stall_dt_s, sweeps: None });
     (
-        some(edmd::MIN_INITIAL_SCALE..=1.0),
-        some(edmd::MIN_GROWTH_RATE..=edmd::MAX_GROWTH_RATE),
-        some(edmd::MIN_INITIAL_VELOCITY_MM_PER_S..=edmd::MAX_INITIAL_VELOCITY_MM_PER_S),
+        some(growth::MIN_INITIAL_SCALE..=1.0),
+        some(growth::MIN_GROWTH_RATE..=growth::MAX_GROWTH_RATE),
+        some(growth::MIN_INITIAL_VELOCITY_MM_PER_S..=growth::MAX_INITIAL_VELOCITY_MM_PER_S),
         some(any::<bool>()),
         some(any::<bool>()),
         stop,
     )
-        .prop_map(|(initial_scale, growth_rate, initial_velocity, equal_mass, swap, stop)| EdmdOptions {
-            initial_scale,
-            growth_rate,
-            initial_velocity,
-            equal_mass,
-            swap,
-            stop,
+        .prop_map(|(initial_scale, growth_rate, initial_velocity, equal_mass, swap, stop)| {
+            GrowthOptions { initial_scale, growth_rate, initial_velocity, equal_mass, swap, stop }
         })
 }
 
 properties! {
     #[test]
-    fn every_growth_is_written_as_it_is_read(options in edmd_options(), wall_gap_mm in some(0.0..=10.0)) {
+    fn every_growth_is_written_as_it_is_read(options in growth_options(), wall_gap_mm in some(0.0..=10.0)) {
         let mut request = PackingRequest::from_json(&valid(), 1).unwrap();
         request.method = Method::Edmd { options };
         request.distance = Distance::Maximize { wall_gap_mm };

@@ -18,10 +18,10 @@ use crate::control::{Control, Finish, Progress};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
-use crate::methods::edmd::ToJamming;
+use crate::methods::growth::ToJamming;
 use crate::packing::{GrowthEnd, Packing};
 use crate::plan::{Drawing, Limits, Plan};
-use crate::request::{Method, PackingRequest};
+use crate::request::PackingRequest;
 use crate::template_cache::TemplateCache;
 
 /// Factors on all sizes with which grains count as those that were drawn,
@@ -91,16 +91,10 @@ impl Attempt {
         let mut drawn = self.drawing.of(request);
         let left_s = |limit: Option<f64>| limit.map(|most| (most - self.used_s).max(f64::MIN_POSITIVE));
         let left = |limit: Option<u64>| limit.map(|most| most.saturating_sub(self.used_effort).max(1));
-        match &mut drawn.method {
-            Method::Edmd { options } => {
-                options.stop.time_s = left_s(options.stop.time_s);
-                options.stop.events = left(options.stop.events);
-            }
-            Method::MonteCarlo { stop } => {
-                stop.time_s = left_s(stop.time_s);
-                stop.sweeps = left(stop.sweeps);
-            }
-            Method::Auto {} | Method::Rsa { .. } => {}
+        if let Some(options) = drawn.method.growth_mut() {
+            options.stop.time_s = left_s(options.stop.time_s);
+            options.stop.events = left(options.stop.events);
+            options.stop.sweeps = left(options.stop.sweeps);
         }
         drawn
     }
@@ -132,11 +126,10 @@ impl Attempt {
         let has_left = |limit: Option<u64>| {
             limit.is_none_or(|most| most.saturating_sub(next.used_effort) as f64 > LEAST_LEFT * most as f64)
         };
-        let is_worth = match request.method {
-            Method::Edmd { options } => has_left_s(options.stop.time_s) && has_left(options.stop.events),
-            Method::MonteCarlo { stop } => has_left_s(stop.time_s) && has_left(stop.sweeps),
-            Method::Auto {} | Method::Rsa { .. } => true,
-        };
+        let is_worth = request
+            .method
+            .growth()
+            .is_none_or(|options| has_left_s(options.stop.time_s) && has_left(options.stop.work()));
         is_worth.then_some(next)
     }
 }

@@ -56,6 +56,10 @@ fn grains_of_all_kinds_are_packed_until_they_jam() {
     let reached = assert_densest(&request(&walls(40.0), &a16, &more), 0.5);
     assert!(reached > 0.53, "{reached}");
 
+    let more = json!({"method": {"type": "monte_carlo", "stop": {"sweeps": 1500}}});
+    let reached = assert_densest(&request(&periodic(14.0), &equal(), &more), 0.0);
+    assert!(reached > 0.6, "{reached}");
+
     let mut octahedra = equal();
     octahedra["shape"] = json!({"type": "polyhedron", "template": "octahedron"});
     let more = json!({"method": {"type": "monte_carlo", "stop": {"sweeps": 1500}}});

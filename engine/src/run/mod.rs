@@ -8,6 +8,10 @@ mod densest;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod densest_tests;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod growth_tests;
+mod job;
 mod kept;
 mod partial;
 #[cfg(test)]
@@ -29,18 +33,17 @@ use crate::check::{self, Check, Extent, Scope};
 use crate::checkpoint::Resume;
 use crate::control::{Control, Finish, Part, Progress, Step};
 use crate::distance::DistanceRule;
-use crate::error::{GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
+use crate::error::{GrowthStopped, PackError, PlanError, TargetNotReached};
 use crate::memory::{self, OutOfMemory};
-use crate::methods::edmd::ToJamming;
-use crate::methods::rsa::End;
+use crate::methods::growth::ToJamming;
 use crate::mix::sampling::{Diameters, sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
     CheckReport, Grains, GrainsRef, GrowthEnd, GrowthPoint, MethodUsed, Packing, PartialReason, Report,
-    RsaStatistics, SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
+    SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
-use crate::request::{Amount, Distance, Method, OnLimit, PackingRequest, Segregation};
+use crate::request::{Distance, OnLimit, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
 use crate::shape::{Ellipsoid, Solid};
 use crate::template_cache::TemplateCache;
@@ -171,10 +174,10 @@ impl Growing<'_> {
     ) -> Result<Placed, PackError> {
         match sampled {
             Sampled::Spheres(Diameters { d_mm, parts }) => {
-                let job = spheres::Job { run: *self, mix, diameters: &d_mm, aggregate: &parts };
-                spheres::place(&job, resume, control)
+                let mut job = spheres::SphereJob { run: *self, mix, diameters: &d_mm, aggregate: &parts };
+                job::place(&mut job, resume, control)
             }
-            Sampled::Solids(solids) => shaped::place(self, mix, solids, resume.as_ref(), control),
+            Sampled::Solids(solids) => shaped::place(self, mix, solids, resume, control),
         }
     }
 
@@ -193,10 +196,6 @@ impl Growing<'_> {
             GrowthEnd::EventLimit | GrowthEnd::SweepLimit => Some(PartialReason::EventLimit),
             GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart => Some(PartialReason::Stalled),
         }
-    }
-
-    fn amount(&self) -> Amount {
-        self.request.mix.amount()
     }
 }
 
@@ -367,83 +366,6 @@ struct Placed {
     scale: f64,
     /// Why the run ended before its target, where its packing is kept all the same.
     short: Option<Short>,
-}
-
-impl Placed {
-    /// Growth that followed a random sequential addition which did not reach the target.
-    fn after_rsa(self) -> Self {
-        Self { method_used: MethodUsed::RsaThenEdmd, ..self }
-    }
-}
-
-/// Grains that random sequential addition inserted, all of them unless it ended short.
-fn inserted(
-    grains: Grains,
-    statistics: RsaStatistics,
-    started: Instant,
-    short: Option<PartialReason>,
-) -> Placed {
-    Placed {
-        grains,
-        statistics: Statistics { rsa: Some(statistics), ..Statistics::default() },
-        distance_mm: None,
-        growth_curve: Vec::new(),
-        rsa_s: started.elapsed().as_secs_f64(),
-        growth_s: None,
-        method_used: MethodUsed::Rsa,
-        scale: 1.0,
-        short: short.map(|reason| Short { reason, failure: None }),
-    }
-}
-
-/// Why the grains are kept that random sequential addition placed before it ended, at least one; `None` where they are
-/// not.
-fn kept_insertion(
-    run: &Growing<'_>,
-    end: End,
-    placed: usize,
-    control: &dyn Control,
-) -> Option<PartialReason> {
-    match end {
-        _ if placed == 0 => None,
-        // Growth follows where the method leaves the choice.
-        End::InsertionFailed { .. } => {
-            let is_kept =
-                run.request.on_limit == OnLimit::Keep && matches!(run.request.method, Method::Rsa { .. });
-            is_kept.then_some(PartialReason::Saturated)
-        }
-        End::Stopped if control.should_finish().is_some() && !control.should_stop() => {
-            Some(finish_reason(control))
-        }
-        End::Stopped | End::Complete | End::OutOfMemory { .. } => None,
-    }
-}
-
-/// The end of a random sequential addition that has not inserted all grains. `diameter_mm` is the diameter of the
-/// sphere that has the volume of a grain, by its rank.
-fn not_inserted(
-    end: End,
-    [placed, grains]: [usize; 2],
-    diameter_mm: impl Fn(usize) -> f64,
-    (specimen_mm3, amount): (f64, Amount),
-) -> PackError {
-    let fraction = |n: usize| fraction_of(n, &diameter_mm, specimen_mm3);
-    match end {
-        End::InsertionFailed { saturation_proven, attempts } => {
-            PackError::TargetNotReached(TargetNotReached::InsertionFailed(InsertionFailed {
-                placed: placed as u64,
-                grains: grains as u64,
-                diameter_mm: diameter_mm(placed),
-                volume_fraction_reached: fraction(placed),
-                volume_fraction_asked: fraction(grains),
-                saturation_proven,
-                attempts,
-                amount,
-            }))
-        }
-        End::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
-        End::Stopped | End::Complete => stopped(placed, grains),
-    }
 }
 
 /// Volume of the first grains over that of the specimen, by the diameters of the spheres of equal volume.

@@ -248,17 +248,20 @@ fn growth_of_shapes_that_a_limit_ends_is_kept_at_its_full_distance() {
     let both = json!({"type": "mixture", "of": [
         {"share": 0.5, "shape": ellipsoid}, {"share": 0.5, "shape": polyhedron}]});
     let cylinder = json!({"type": "cylinder", "diameter_mm": 13, "height_mm": 13});
-    for (specimen, shape) in [
-        (walls(13.0), &ellipsoid),
-        (cylinder, &ellipsoid),
-        (periodic(12.0), &polyhedron),
-        (walls(12.0), &both),
+    for (specimen, mix) in [
+        (walls(13.0), shaped(0.5, &ellipsoid)),
+        (cylinder.clone(), shaped(0.5, &ellipsoid)),
+        (periodic(12.0), shaped(0.5, &polyhedron)),
+        (walls(12.0), shaped(0.5, &both)),
+        (walls(14.0), fuller(0.56)),
+        (cylinder, fuller(0.56)),
+        (periodic(14.0), fuller(0.6)),
     ] {
         let more = json!({
             "on_limit": "keep", "distance": {"type": "constant", "gap_mm": 0.2, "wall_gap_mm": 0.05},
             "method": {"type": "monte_carlo", "stop": {"sweeps": 60}},
         });
-        let keeps = request(&specimen, &shaped(0.5, shape), &more);
+        let keeps = request(&specimen, &mix, &more);
         let packing = packed(&keeps);
         let partial = packing.report.summary.partial.unwrap();
         assert_eq!(partial.reason, PartialReason::EventLimit);
@@ -353,6 +356,7 @@ fn a_run_that_is_to_finish_ends_with_what_it_has_whatever_its_limits_say() {
         (24.0, fuller(0.58), &grown, Step::Edmd, 2),
         (60.0, fuller(0.56), &placed, Step::Rsa, 3),
         (14.0, shaped(0.55, &ellipsoid), &shaken, Step::MonteCarlo, 2),
+        (24.0, fuller(0.58), &shaken, Step::MonteCarlo, 2),
         (20.0, shaped(0.55, &ellipsoid), &placed, Step::Rsa, 2),
     ] {
         let request = request(&walls(size), &mix, more);

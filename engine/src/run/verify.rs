@@ -23,7 +23,7 @@ use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
 use crate::packing::{CheckReport, Grains, GrowthEnd, MethodUsed, Report, Solids, Spheres, Summary};
 use crate::plan::{Drawing, Limits};
-use crate::request::{Method, PackingRequest};
+use crate::request::{GrowthBy, Method, PackingRequest};
 use crate::shape::Polyhedron;
 use crate::template_cache::TemplateCache;
 
@@ -398,15 +398,16 @@ impl Drawn {
         }
         let is_of_spheres = matches!(self.sampled, Sampled::Spheres(_));
         let has_limit = |end: GrowthEnd| match (end, request.method) {
-            (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, Method::Rsa { .. }) => false,
-            (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, _) => true,
-            (GrowthEnd::TimeLimit, Method::Edmd { options }) => options.stop.time_s.is_some(),
-            (GrowthEnd::EventLimit, Method::Edmd { options }) => options.stop.events.is_some(),
-            (GrowthEnd::TimeLimit, Method::MonteCarlo { stop }) => stop.time_s.is_some(),
-            (GrowthEnd::SweepLimit, Method::MonteCarlo { stop }) => stop.sweeps.is_some(),
-            _ => false,
+            (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, method) => {
+                !matches!(method, Method::Rsa { .. })
+            }
+            (GrowthEnd::TimeLimit, method) => method.growth().is_some_and(|of| of.stop.time_s.is_some()),
+            (GrowthEnd::EventLimit, method) => method.growth().is_some_and(|of| of.stop.events.is_some()),
+            (GrowthEnd::SweepLimit, method) => method.growth().is_some_and(|of| of.stop.sweeps.is_some()),
+            (GrowthEnd::Finished, _) => false,
         };
-        if !has_limit(told.end) || is_of_spheres != matches!(told.effort, GrowthEffort::Events { .. }) {
+        let by_events = GrowthBy::of(&request.method, !is_of_spheres) == GrowthBy::Events;
+        if !has_limit(told.end) || by_events != matches!(told.effort, GrowthEffort::Events { .. }) {
             return VerifyError::wrong("the method of the request does not end like that");
         }
         let asked = match &self.sampled {

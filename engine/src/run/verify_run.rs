@@ -3,7 +3,7 @@
 
 use super::verify::VerifyError;
 use crate::packing::{Grains, MethodUsed, PartialReason, Report, Statistics, Summary};
-use crate::request::{Distance, Method, OnLimit, PackingRequest};
+use crate::request::{Distance, GrowthBy, GrowthStop, Method, OnLimit, PackingRequest};
 
 /// Most points of a growth curve.
 const MOST_CURVE_POINTS: usize = 1000;
@@ -36,11 +36,8 @@ pub(super) fn judge_kept(
         }
         return Ok(());
     };
-    let (has_time, has_events) = match request.method {
-        Method::Edmd { options } => (options.stop.time_s.is_some(), options.stop.events.is_some()),
-        Method::MonteCarlo { stop } => (stop.time_s.is_some(), stop.sweeps.is_some()),
-        Method::Auto {} | Method::Rsa { .. } => (false, false),
-    };
+    let stop = request.method.growth().map_or(GrowthStop::default(), |options| options.stop);
+    let (has_time, has_events) = (stop.time_s.is_some(), stop.work().is_some());
     let is_rsa = matches!(request.method, Method::Rsa { .. });
     let keeps = request.on_limit == OnLimit::Keep;
     let is_densest = request.mix.maximizes_volume_fraction();
@@ -85,17 +82,14 @@ pub(super) fn judge_run(
     let Some(used) = report.summary.method_used else {
         return VerifyError::wrong("summary/method_used is missing");
     };
-    let is_of_spheres = grains.spheres().is_some();
-    let may_be = match (request.method, is_of_spheres) {
-        (Method::Rsa { .. }, _) => used == MethodUsed::Rsa,
-        (Method::Edmd { .. }, _) => used == MethodUsed::Edmd,
-        (Method::MonteCarlo { .. }, _) => used == MethodUsed::MonteCarlo,
-        (Method::Auto {}, true) => {
-            matches!(used, MethodUsed::Rsa | MethodUsed::Edmd | MethodUsed::RsaThenEdmd)
-        }
-        (Method::Auto {}, false) => {
-            matches!(used, MethodUsed::Rsa | MethodUsed::MonteCarlo | MethodUsed::RsaThenMonteCarlo)
-        }
+    let (grown, grown_after_rsa) = match GrowthBy::of(&request.method, grains.spheres().is_none()) {
+        GrowthBy::Events => (MethodUsed::Edmd, MethodUsed::RsaThenEdmd),
+        GrowthBy::Moves => (MethodUsed::MonteCarlo, MethodUsed::RsaThenMonteCarlo),
+    };
+    let may_be = match request.method {
+        Method::Rsa { .. } => used == MethodUsed::Rsa,
+        Method::Auto {} => [MethodUsed::Rsa, grown, grown_after_rsa].contains(&used),
+        Method::Growth { .. } | Method::Edmd { .. } | Method::MonteCarlo { .. } => used == grown,
     };
     if !may_be {
         return VerifyError::wrong("summary/method_used is not a method of the request");

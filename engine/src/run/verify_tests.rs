@@ -78,6 +78,14 @@ fn requests() -> Vec<PackingRequest> {
         request(shaped(ellipsoid()), &json!({"method": {"type": "monte_carlo"}})),
         request(shaped(polyhedron()), &json!({})),
         request(shaped(mixture), &json!({})),
+        request(graded(0.4), &json!({"method": {"type": "monte_carlo"}})),
+        request(
+            graded(0.3),
+            &json!({"distance": {"type": "maximize"},
+            "method": {"type": "monte_carlo", "stop": {"sweeps": 100}}}),
+        ),
+        request(graded(0.3), &json!({"method": {"type": "growth", "growth_rate": 0.2}})),
+        request(shaped(ellipsoid()), &json!({"method": {"type": "growth", "stop": {"sweeps": 10_000}}})),
     ]
 }
 

@@ -90,7 +90,7 @@ mod tests {
         let methods = schemas["Method"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
         assert!(methods.iter().any(|m| m["properties"]["type"]["enum"] == json!(["edmd"])
             && m["properties"]["initial_scale"]["minimum"] == 0.5));
-        assert_eq!(schemas.get("EdmdOptions"), None, "its fields are those of the method");
+        assert_eq!(schemas.get("GrowthOptions"), None, "its fields are those of the method");
         let exports = schemas["ExportRequest"]["oneOf"].as_array().map_or(&[][..], Vec::as_slice);
         for kind in ExportType::ALL {
             let of_type = |export: &&Value| export["properties"]["type"]["enum"] == json!([kind.name()]);
@@ -121,8 +121,7 @@ mod tests {
             "Grading",
             "Distance",
             "Method",
-            "EdmdStop",
-            "MonteCarloStop",
+            "GrowthStop",
             "PlainShape",
             "ShapeMixture",
             "MixturePart",

@@ -220,6 +220,7 @@ impl JobRequest {
         match self.method {
             Method::Auto {} => "auto",
             Method::Rsa { .. } => "rsa",
+            Method::Growth { .. } => "growth",
             Method::Edmd { .. } => "edmd",
             Method::MonteCarlo { .. } => "monte_carlo",
         }

@@ -25,7 +25,7 @@ const fn field(
     Field { parent, name, words, unit }
 }
 
-const FIELDS: [Field; 16] = [
+const FIELDS: [Field; 18] = [
     field(Some("mix"), "d_min_mm", "cut-off diameter", "mm"),
     field(None, "d_min_mm", "smallest diameter", "mm"),
     field(None, "d_max_mm", "largest diameter", "mm"),
@@ -36,7 +36,9 @@ const FIELDS: [Field; 16] = [
     field(None, "attempts_per_grain", "attempts per grain", ""),
     field(Some("stop"), "time_s", "time limit", "s"),
     field(Some("stop"), "events", "event limit", ""),
+    field(Some("stop"), "sweeps", "sweep limit", ""),
     field(None, "stall_dt_s", "stall limit", "s"),
+    field(None, "initial_scale", "initial scale", ""),
     field(None, "growth_rate", "growth rate", "1/s"),
     field(None, "initial_velocity", "initial velocity", "mm/s"),
     field(None, "equal_mass", "equal masses", ""),
@@ -46,10 +48,12 @@ const FIELDS: [Field; 16] = [
 
 /// Words for the values of `type` and of other enumerations, by the field that has them. A value without words adds
 /// nothing to the other members of its object.
-const VARIANTS: [(&str, &str, &str); 13] = [
+const VARIANTS: [(&str, &str, &str); 15] = [
     ("method", "auto", "automatic method"),
     ("method", "rsa", "RSA"),
+    ("method", "growth", "growth"),
     ("method", "edmd", "EDMD"),
+    ("method", "monte_carlo", "Monte Carlo"),
     ("distance", "none", "no minimum distance"),
     ("distance", "constant", ""),
     ("distance", "proportional", "distance proportional to the mean diameter"),

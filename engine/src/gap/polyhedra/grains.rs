@@ -126,8 +126,8 @@ impl Turned for TurnedPolyhedron<'_> {
     const IS_ELLIPSOID: bool = false;
 
     #[inline(always)]
-    fn around(&self) -> &Symmetric {
-        &self.around
+    fn around(&self) -> Symmetric {
+        self.around
     }
 
     #[inline(always)]

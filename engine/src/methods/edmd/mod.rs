@@ -34,7 +34,6 @@ mod run;
 mod scan;
 mod shortlist;
 mod skin;
-mod state;
 mod swap;
 mod system;
 #[cfg(test)]
@@ -53,10 +52,11 @@ use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::memory::{self, OutOfMemory, collected};
-use crate::methods::rsa::{self, Rsa};
+use crate::methods::growth::{Begun, Interrupted, Outcome, START_ATTEMPTS, Started, ToJamming, start};
+use crate::methods::rsa::Rsa;
 use crate::mix::sphere_volume;
-use crate::packing::{EdmdStatistics, GrowthEnd, GrowthPoint, RsaStatistics};
-use crate::request::{Distance, EdmdOptions, PackingRequest};
+use crate::packing::{EdmdStatistics, GrowthEnd, Statistics};
+use crate::request::{Distance, GrowthOptions, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use growth_protocol::GrowthProtocol;
@@ -69,14 +69,10 @@ use tolerances::{BEYOND_TARGET, EXACT_FIT};
 pub(crate) const INITIAL_VELOCITY_MM_PER_S: f64 = 0.5;
 /// Largest scale to start from where the request names none.
 pub(crate) const MOST_START: f64 = 0.97;
-/// Attempts per grain of the random placing that growth starts from.
-const START_ATTEMPTS: u64 = 20_000;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.97;
 /// Memory of a grain with its lists and events, in bytes.
 const BYTES_PER_GRAIN: usize = 300;
-/// Starts that are tried.
-const STARTS: u32 = 60;
 
 /// What a run of growth is expected to take, from the model of `docs/estimates.md`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,17 +85,10 @@ pub(crate) struct Expected {
     pub(crate) events_per_grain: f64,
 }
 
-/// Growth beyond the requested size, as far as it goes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct ToJamming {
-    /// Ends as soon as it is known that the grains will jam at a scale outside of these bounds.
-    pub(crate) within: Option<[f64; 2]>,
-}
-
 /// What growth is asked for.
 pub(crate) struct Edmd<'a> {
     pub(crate) request: &'a PackingRequest,
-    pub(crate) options: EdmdOptions,
+    pub(crate) options: GrowthOptions,
     /// Diameters from the largest down, in mm.
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) expected: Expected,
@@ -109,44 +98,16 @@ pub(crate) struct Edmd<'a> {
     pub(crate) to_jamming: Option<ToJamming>,
 }
 
-/// Why it came to no end of its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Interrupted {
-    /// The control said so.
-    Stopped,
-    /// The system refused memory.
-    OutOfMemory { bytes: u64 },
-    /// Random addition found no start, at any of ever smaller sizes.
-    NoStart,
-}
-
-impl From<OutOfMemory> for Interrupted {
-    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
-        Self::OutOfMemory { bytes }
-    }
-}
-
-/// How it ended.
-pub(crate) struct Outcome {
-    /// Centres in the order of the diameters; of the first of them alone where the run was to finish while random
-    /// placing had not placed all.
-    pub(crate) centers_mm: Vec<[f64; 3]>,
-    pub(crate) rsa: RsaStatistics,
-    pub(crate) statistics: EdmdStatistics,
-    /// Constant distance reached, where one was asked for.
-    pub(crate) distance_mm: Option<f64>,
-    pub(crate) volume_fraction: f64,
-    pub(crate) growth_curve: Vec<GrowthPoint>,
-    pub(crate) rsa_s: f64,
-    pub(crate) edmd_s: f64,
-}
-
 impl Edmd<'_> {
     /// Inserts and grows the grains.
     ///
     /// # Errors
     /// When the control stopped it, or the system refused memory.
-    pub(crate) fn run(&self, resume: Option<Resume>, control: &dyn Control) -> Result<Outcome, Interrupted> {
+    pub(crate) fn run(
+        &self,
+        resume: Option<Resume>,
+        control: &dyn Control,
+    ) -> Result<Outcome<Vec<[f64; 3]>>, Interrupted> {
         memory::probe(BYTES_PER_GRAIN.saturating_mul(self.diameters_mm.len()))?;
         let frame = Frame {
             request: self.request,
@@ -182,8 +143,8 @@ impl Edmd<'_> {
             run
         } else {
             match self.start(&frame, &protocols, &rule, maximize.is_some())? {
-                Start::Run(run) => *run,
-                Start::Finished(outcome) => return Ok(*outcome),
+                Begun::Run(run) => *run,
+                Begun::Finished(outcome) => return Ok(*outcome),
             }
         };
         let before_s = run.elapsed_s(&frame);
@@ -217,16 +178,17 @@ impl Edmd<'_> {
         run.keep_last(&frame, end);
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
-        let growth_curve = std::mem::take(&mut run.curve);
+        let counted = run.statistics(&frame, end, edmd_s);
         Ok(Outcome {
-            centers_mm: run.centers()?,
-            rsa: run.rsa,
-            statistics: run.statistics(&frame, end, edmd_s),
+            placed: run.centers()?,
+            end,
+            scale: counted.growth_scale,
             distance_mm: run.distance_mm(&frame),
             volume_fraction: run.volume_fraction(&frame),
-            growth_curve,
+            statistics: Statistics { rsa: Some(run.rsa), edmd: Some(counted), ..Statistics::default() },
             rsa_s: run.rsa_s,
-            edmd_s,
+            growth_s: edmd_s,
+            growth_curve: run.curve.into_points(),
         })
     }
 
@@ -254,23 +216,22 @@ impl Edmd<'_> {
         protocols: &[GrowthProtocol; 2],
         rule: &DistanceRule,
         maximize: bool,
-    ) -> Result<Start, Interrupted> {
+    ) -> Result<Begun<Run, Vec<[f64; 3]>>, Interrupted> {
         let protocol = &protocols[0];
         let volume = self.request.specimen.volume_mm3();
         let fraction = protocol.radii_mm.iter().map(|r| sphere_volume(2.0 * r)).sum::<f64>() / volume;
         let mut rng = stream(self.request.seed, Stream::Rsa);
         let quickly = self.expected.start_fraction;
-        let mut scale = match self.options.initial_scale {
+        let scale = match self.options.initial_scale {
             Some(scale) => scale,
             // The true diameters, where there is a place for them.
             None if maximize && fraction <= quickly => BEYOND_TARGET,
             None => cbrt(quickly / fraction).min(MOST_START),
         };
-        let mut statistics = RsaStatistics::default();
         let share = start_share(&self.expected, CYCLE_EVENTS_PER_GRAIN as f64);
         let part = Part::new(frame.control, 0.0, share);
         let control = StopToFinish::new(&part);
-        for _ in 0..STARTS {
+        let started = start(scale, SMALLER_START, &control, |scale| {
             let placing = Rsa {
                 diameters_mm: &collected(self.diameters_mm.iter().map(|d| scale * d))?,
                 specimen: &self.request.specimen,
@@ -280,48 +241,33 @@ impl Edmd<'_> {
                 threads: self.threads,
             };
             let outcome = placing.run(&mut rng, &control);
-            statistics.attempts += outcome.statistics.attempts;
-            statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
-            statistics.voxels_tested += outcome.statistics.voxels_tested;
-            let rsa_s = frame.started.elapsed().as_secs_f64();
-            match outcome.end {
-                rsa::End::Complete => {
-                    let mut run = if maximize && scale >= BEYOND_TARGET {
-                        Run::new(frame, &protocols[1], Stage::Length, 0.0, &outcome.centers_mm)?
-                    } else {
-                        Run::new(frame, protocol, Stage::Scale, scale, &outcome.centers_mm)?
-                    };
-                    (run.rsa, run.rsa_s) = (statistics, rsa_s);
-                    return Ok(Start::Run(Box::new(run)));
-                }
-                rsa::End::Stopped if control.finish().is_some() => {
-                    return Ok(Start::Finished(Box::new(Outcome {
-                        centers_mm: outcome.centers_mm,
-                        rsa: statistics,
-                        statistics: EdmdStatistics {
-                            growth_scale: scale.min(1.0 - f64::EPSILON),
-                            stop: GrowthEnd::Finished,
-                            ..EdmdStatistics::default()
-                        },
-                        distance_mm: None,
-                        volume_fraction: frame.moments.volume_fraction(0.0) * scale.powi(3),
-                        growth_curve: Vec::new(),
-                        rsa_s,
-                        edmd_s: 0.0,
-                    })));
-                }
-                rsa::End::Stopped => return Err(Interrupted::Stopped),
-                rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
-                rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
-            }
+            Ok((outcome.centers_mm, outcome.statistics, outcome.end))
+        })?;
+        let rsa_s = frame.started.elapsed().as_secs_f64();
+        if !started.is_complete {
+            let volume_fraction = frame.moments.volume_fraction(0.0);
+            return Ok(Begun::Finished(Box::new(Outcome::unfinished(
+                started,
+                volume_fraction,
+                rsa_s,
+                |rsa, growth_scale| Statistics {
+                    rsa: Some(rsa),
+                    edmd: Some(EdmdStatistics {
+                        growth_scale,
+                        stop: GrowthEnd::Finished,
+                        ..EdmdStatistics::default()
+                    }),
+                    ..Statistics::default()
+                },
+            ))));
         }
-        Err(Interrupted::NoStart)
+        let Started { placed, scale, statistics, .. } = started;
+        let mut run = if maximize && scale >= BEYOND_TARGET {
+            Run::new(frame, &protocols[1], Stage::Length, 0.0, &placed)?
+        } else {
+            Run::new(frame, protocol, Stage::Scale, scale, &placed)?
+        };
+        (run.rsa, run.rsa_s) = (statistics, rsa_s);
+        Ok(Begun::Run(Box::new(run)))
     }
-}
-
-/// What growth starts from.
-enum Start {
-    Run(Box<Run>),
-    /// The run was to finish before all grains were placed: the end of it.
-    Finished(Box<Outcome>),
 }

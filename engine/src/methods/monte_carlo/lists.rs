@@ -166,9 +166,9 @@ impl Lists {
 
     /// Of two neighbours, a direction near that of their gap; `None` if they are none.
     #[inline(always)]
-    fn direction(
+    fn direction<S: ConvexShape>(
         &self,
-        system: &System<impl ConvexShape>,
+        system: &System<S>,
         i: usize,
         j: usize,
         shift: Vector,
@@ -183,13 +183,16 @@ impl Lists {
         if r2 >= far * far {
             return None;
         }
+        if S::Turned::IS_SPHERE {
+            return Some(scaled(r, 1.0 / r2.sqrt()));
+        }
         let per_shrink = 1.0 / shrink;
         let (a, b) = (one.turned.around(), other.turned.around());
         let (mut n, mut h_a, mut h_b) = (r, a.quadratic(r).sqrt(), b.quadratic(r).sqrt());
         let mut best = (f64::NEG_INFINITY, r);
         for step in 0..=DIRECTIONS {
             if step > 0 {
-                n = Symmetric::blend(a, b, h_a / (h_a + h_b)).solve(r);
+                n = Symmetric::blend(&a, &b, h_a / (h_a + h_b)).solve(r);
                 (h_a, h_b) = (a.quadratic(n).sqrt(), b.quadratic(n).sqrt());
             }
             let inverse = 1.0 / norm(n);

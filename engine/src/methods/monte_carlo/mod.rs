@@ -34,13 +34,12 @@ use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::geometry::images::Images;
-use crate::memory::OutOfMemory;
+use crate::methods::growth::{Begun, Interrupted, Outcome, START_ATTEMPTS, Started, ToJamming, start};
 use crate::methods::image_names::ImageNames;
-use crate::methods::rsa;
 use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
-use crate::packing::RsaStatistics;
-use crate::request::Specimen;
+use crate::packing::{GrowthEnd, MonteCarloStatistics, Statistics};
+use crate::request::{GrowthStop, Specimen};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::Pose;
@@ -56,12 +55,8 @@ const START_FRACTION: f64 = 0.5;
 const START_FRACTION_ANGULAR: f64 = 0.48;
 /// Largest scale to start from without being told.
 const MOST_START: f64 = 0.98;
-/// Attempts per grain of the random addition that growth starts from.
-const START_ATTEMPTS: u64 = 20_000;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.95;
-/// Starts that are tried.
-const STARTS: u32 = 60;
 /// Share of a run's work that lies before the first cycle.
 const START_SHARE: f64 = 0.05;
 
@@ -98,7 +93,7 @@ pub struct MonteCarlo<'a, S> {
     /// Whether grains of similar size exchange their places.
     pub swap: bool,
     /// When to give up.
-    pub limits: Limits,
+    pub stop: GrowthStop,
     /// Draws the orientations that growth starts from.
     pub orientation: &'a Orientation<'a>,
     /// What decides all else.
@@ -112,123 +107,8 @@ pub struct MonteCarlo<'a, S> {
     pub keeps_partial: bool,
 }
 
-/// Growth beyond the requested size, as far as it goes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ToJamming {
-    /// Ends once growth is slow at a scale outside of these bounds.
-    pub within: Option<[f64; 2]>,
-}
-
 /// Keeps a checkpoint whose body the argument writes.
 pub type KeepCheckpoint<'a> = dyn Fn(&dyn Fn(&mut dyn Write) -> io::Result<()>) + 'a;
-
-/// When a run gives up.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Limits {
-    /// Wall-clock time of packing in s, that before a checkpoint included.
-    pub time_s: Option<f64>,
-    /// Sweeps, in each of which every grain tries one move.
-    pub sweeps: Option<u64>,
-}
-
-/// Why growth ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// All grains have their size and keep their gaps.
-    Target,
-    /// Growth hardly went on: the grains are jammed. With the largest gap this is the end that is hoped for.
-    Stalled,
-    /// The limit of time.
-    TimeLimit,
-    /// The limit of sweeps.
-    SweepLimit,
-    /// The control asked for what was reached.
-    Finished,
-}
-
-/// Why it came to no end of its own.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Interrupted {
-    /// The control said so.
-    Stopped,
-    /// The system refused memory.
-    OutOfMemory {
-        /// Bytes of the allocation that was refused.
-        bytes: u64,
-    },
-    /// Random addition found no start, at any of ever smaller sizes.
-    NoStart,
-}
-
-impl From<OutOfMemory> for Interrupted {
-    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
-        Self::OutOfMemory { bytes }
-    }
-}
-
-/// What was counted, over all parts of a run that was interrupted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Statistics {
-    /// Compression cycles: the moments at which the run may be interrupted.
-    pub cycles: u64,
-    /// Sweeps in which every grain tried a move.
-    pub sweeps: u64,
-    /// Moves tried.
-    pub moves_tried: u64,
-    /// Moves made.
-    pub moves_accepted: u64,
-    /// Exchanges of two shapes tried.
-    pub swaps_tried: u64,
-    /// Exchanges of two shapes made.
-    pub swaps_accepted: u64,
-    /// Times that two grains, or a grain and a wall, were pushed apart.
-    pub pushes: u64,
-    /// Times that all lists of near neighbours were built.
-    pub list_builds: u64,
-    /// Times that a packing which jammed just below its target was expanded, to grow again.
-    pub expansions: u64,
-    /// Times that the run went on from a checkpoint.
-    pub resumes: u64,
-}
-
-/// A point of the growth curve.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CurvePoint {
-    /// Wall-clock time of packing so far, in s.
-    pub packing_time_s: f64,
-    /// Moves tried so far.
-    pub moves: u64,
-    /// Volume of the grains at their present size over that of the specimen.
-    pub volume_fraction: f64,
-    /// Constant gap that all grains keep so far, where one is requested.
-    pub gap_mm: Option<f64>,
-}
-
-/// How it ended.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
-    /// Poses in the order of the shapes; the packing is valid at [`Outcome::scale`]. Of the first of them alone where
-    /// the run was to finish while random addition had not inserted all.
-    pub poses: Vec<Pose>,
-    /// Why growth ended.
-    pub end: End,
-    /// Size reached over requested size: 1 only where the target is reached, unless there is none.
-    pub scale: f64,
-    /// Constant gap reached, where one is requested, in mm.
-    pub gap_mm: Option<f64>,
-    /// Volume of the grains at the size reached over that of the specimen.
-    pub volume_fraction: f64,
-    /// What the random addition counted that growth started from.
-    pub rsa: RsaStatistics,
-    /// What growth counted.
-    pub statistics: Statistics,
-    /// Growth over time.
-    pub growth_curve: Vec<CurvePoint>,
-    /// Time of random addition in s.
-    pub rsa_s: f64,
-    /// Time of growth in s.
-    pub growth_s: f64,
-}
 
 impl<S: ConvexShape> MonteCarlo<'_, S> {
     /// Inserts and grows the grains, or goes on from the body of a checkpoint; one that is none of this request is
@@ -236,10 +116,14 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
     ///
     /// # Errors
     /// When the control stopped it, or the system refused memory.
-    pub fn run(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Outcome, Interrupted> {
+    pub fn run(
+        &self,
+        resume: Option<&[u8]>,
+        control: &dyn Control,
+    ) -> Result<Outcome<Vec<Pose>>, Interrupted> {
         let mut run = match self.begin(resume, control)? {
-            Start::Run(run) => run,
-            Start::Finished(outcome) => return Ok(outcome),
+            Begun::Run(run) => run,
+            Begun::Finished(outcome) => return Ok(*outcome),
         };
         let end = run.grow(self, control)?;
         run.forget_lists();
@@ -256,11 +140,11 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         shapes: Vec<S>,
         resume: Option<&[u8]>,
         control: &dyn Control,
-    ) -> Result<(Outcome, Vec<S>), Interrupted> {
+    ) -> Result<(Outcome<Vec<Pose>>, Vec<S>), Interrupted> {
         let of = Self { shapes: &[], ..self };
         let mut run = match (MonteCarlo { shapes: &shapes, ..self }).begin(resume, control)? {
-            Start::Run(run) => run,
-            Start::Finished(outcome) => return Ok((outcome, shapes)),
+            Begun::Run(run) => run,
+            Begun::Finished(outcome) => return Ok((*outcome, shapes)),
         };
         drop(shapes);
         let end = run.grow(&of, control)?;
@@ -270,7 +154,11 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
     }
 
     /// The run as it begins, or as it was at a checkpoint. From here on the shapes are those of its grains.
-    fn begin(&self, resume: Option<&[u8]>, control: &dyn Control) -> Result<Start<S>, Interrupted> {
+    fn begin(
+        &self,
+        resume: Option<&[u8]>,
+        control: &dyn Control,
+    ) -> Result<Begun<Run<S>, Vec<Pose>>, Interrupted> {
         let started = Instant::now();
         let earlier = match resume.map(|body| Run::read(self, body, started)) {
             Some(Err(error)) if error.kind() == io::ErrorKind::OutOfMemory => {
@@ -280,24 +168,27 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
             }
             read => read.and_then(Result::ok),
         };
-        earlier.map_or_else(|| self.start(started, control), |run| Ok(Start::Run(Box::new(run))))
+        earlier.map_or_else(|| self.start(started, control), |run| Ok(Begun::Run(Box::new(run))))
     }
 
     /// Random addition to grow from.
-    fn start(&self, started: Instant, control: &dyn Control) -> Result<Start<S>, Interrupted> {
+    fn start(
+        &self,
+        started: Instant,
+        control: &dyn Control,
+    ) -> Result<Begun<Run<S>, Vec<Pose>>, Interrupted> {
         let with_gap = |shape: &S| {
             let d = shape.equivalent_diameter_mm();
             sphere_volume(d + self.rule.gap_mm(d, d))
         };
         let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.specimen.volume_mm3();
         let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
-        let start = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
-        let mut scale = self.initial_scale.unwrap_or(cbrt(start / fraction).min(most));
+        let first = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
+        let scale = self.initial_scale.unwrap_or(cbrt(first / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
-        let mut statistics = RsaStatistics::default();
         let part = Part::new(control, 0.0, START_SHARE);
         let control = StopToFinish::new(&part);
-        for _ in 0..STARTS {
+        let begun = start(scale, SMALLER_START, &control, |scale| {
             let rsa = ShapeRsa {
                 shapes: self.shapes,
                 specimen: self.specimen,
@@ -307,42 +198,30 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 orientation: self.orientation,
             };
             let outcome = rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control);
-            statistics.attempts += outcome.statistics.attempts;
-            statistics.grains_by_subdivision += outcome.statistics.grains_by_subdivision;
-            statistics.voxels_tested += outcome.statistics.voxels_tested;
-            match outcome.end {
-                rsa::End::Complete => {
-                    let mut run = Run::new(self, outcome.poses, scale, started)?;
-                    (run.rsa, run.rsa_s) = (statistics, started.elapsed().as_secs_f64());
-                    return Ok(Start::Run(Box::new(run)));
-                }
-                rsa::End::Stopped if control.finish().is_some() => {
-                    let volume: f64 = self.shapes.iter().map(S::volume_mm3).sum();
-                    return Ok(Start::Finished(Outcome {
-                        poses: outcome.poses,
-                        end: End::Finished,
-                        scale: scale.min(1.0 - f64::EPSILON),
-                        gap_mm: None,
-                        volume_fraction: volume / self.specimen.volume_mm3() * scale.powi(3),
-                        rsa: statistics,
-                        statistics: Statistics::default(),
-                        growth_curve: Vec::new(),
-                        rsa_s: started.elapsed().as_secs_f64(),
-                        growth_s: 0.0,
-                    }));
-                }
-                rsa::End::Stopped => return Err(Interrupted::Stopped),
-                rsa::End::OutOfMemory { bytes } => return Err(Interrupted::OutOfMemory { bytes }),
-                rsa::End::InsertionFailed { .. } => scale *= SMALLER_START,
-            }
+            Ok((outcome.poses, outcome.statistics, outcome.end))
+        })?;
+        let rsa_s = started.elapsed().as_secs_f64();
+        if !begun.is_complete {
+            let volume: f64 = self.shapes.iter().map(S::volume_mm3).sum();
+            let volume_fraction = volume / self.specimen.volume_mm3();
+            return Ok(Begun::Finished(Box::new(Outcome::unfinished(
+                begun,
+                volume_fraction,
+                rsa_s,
+                |rsa, growth_scale| Statistics {
+                    rsa: Some(rsa),
+                    monte_carlo: Some(MonteCarloStatistics {
+                        growth_scale,
+                        stop: GrowthEnd::Finished,
+                        ..MonteCarloStatistics::default()
+                    }),
+                    ..Statistics::default()
+                },
+            ))));
         }
-        Err(Interrupted::NoStart)
+        let Started { placed, scale, statistics, .. } = begun;
+        let mut run = Run::new(self, placed, scale, started)?;
+        (run.rsa, run.rsa_s) = (statistics, rsa_s);
+        Ok(Begun::Run(Box::new(run)))
     }
-}
-
-/// What growth starts from.
-enum Start<S: ConvexShape> {
-    Run(Box<Run<S>>),
-    /// The run was to finish before all grains were inserted: the end of it.
-    Finished(Outcome),
 }

@@ -19,6 +19,8 @@
 //! holds only along the exact normal and not along that of 16 bits, no valid plane exists, and the pair is tested
 //! exactly at every move.
 
+use std::marker::PhantomData;
+
 use super::system::{Hot, System};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes};
@@ -130,18 +132,20 @@ pub(super) fn is_wall(neighbor: u32) -> bool {
 
 /// A grain in four lanes, by the ellipsoid around it and its centre, from where its list was built.
 #[derive(Clone, Copy)]
-pub(super) struct Spread<L> {
+pub(super) struct Spread<L, T> {
+    of: PhantomData<T>,
     center: [L; 3],
     matrix: [L; 6],
     zero: L,
 }
 
-impl<L: Lanes> Spread<L> {
+impl<L: Lanes, T: Turned> Spread<L, T> {
     #[inline(always)]
     fn new<S: InstructionSet<Lanes = L>>(set: S, center: Vector, matrix: &Symmetric) -> Self {
         // The sums off the diagonal count twice.
         let [xx, xy, xz, yy, yz, zz] = matrix.0;
         Self {
+            of: PhantomData,
             center: [set.splat(center[0]), set.splat(center[1]), set.splat(center[2])],
             matrix: [
                 set.splat(xx),
@@ -166,7 +170,11 @@ impl<L: Lanes> Spread<L> {
         let [xx, xy, xz, yy, yz, zz] = self.matrix;
         let along = x * self.center[0] + y * self.center[1] + z * self.center[2];
         let left = set.lanes(group.offsets.each(f64::from)) - along - more;
-        let h2 = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + z * (zz * z);
+        let h2 = if T::IS_SPHERE {
+            xx * (x * x + y * y + z * z)
+        } else {
+            x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + z * (zz * z)
+        };
         left.lt(self.zero) | (left * left).lt(h2)
     }
 }
@@ -207,8 +215,8 @@ impl<S: ConvexShape> System<S> {
         set: I,
         i: usize,
         as_if: &Hot<S::Turned>,
-    ) -> Spread<I::Lanes> {
-        Spread::new(set, minus(as_if.center, self.cold[i].listed_center), as_if.turned.around())
+    ) -> Spread<I::Lanes, S::Turned> {
+        Spread::new(set, minus(as_if.center, self.cold[i].listed_center), &as_if.turned.around())
     }
 
     /// Whether a grain whose ellipsoid crosses a plane, or would where its offset was less by `more`, does so itself.

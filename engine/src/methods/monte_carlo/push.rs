@@ -7,7 +7,7 @@
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
 use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall};
-use super::system::{Hot, Moved, System, rotation, turned};
+use super::system::{Hot, Moved, System, rotation};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::elementary::hypot;
@@ -473,6 +473,9 @@ impl<S: ConvexShape> System<S> {
     pub(super) fn inertia(&self, i: usize, hot: &Hot<S::Turned>, arm: Vector, n: Vector) -> Impulse {
         let cold = &self.cold[i];
         let per_mass = 1.0 / hot.d;
+        if S::Turned::IS_SPHERE {
+            return Impulse { per_mass, weight: per_mass, turn: [0.0; 3] };
+        }
         let moment = cross(arm, n);
         let rows = rotation(cold.orientation);
         let per_inertia = cold.shape.per_inertia(per_mass);
@@ -487,7 +490,7 @@ impl<S: ConvexShape> System<S> {
     #[inline(always)]
     pub(super) fn displace(&mut self, i: usize, by: Vector, turn: Vector) {
         let center = sum(self.hot[i].center, by);
-        let orientation = turned(self.cold[i].orientation, turn);
+        let orientation = Self::turned(self.cold[i].orientation, turn);
         if self.skin_used(i, center, orientation) > self.cold[i].skin {
             self.held += 1;
             self.cold[i].list.mark_held(true);

@@ -8,7 +8,7 @@ use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::planes::{Decided, LANES, LONGEST, NewPlanes, is_wall};
-use super::system::{Hot, System, rotation, turned};
+use super::system::{Hot, System, rotation};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::gap::grain::ConvexShape;
@@ -88,9 +88,9 @@ pub(super) fn sweep(system: &mut System<impl ConvexShape>, rng: &mut Xoshiro256P
 }
 
 #[inline(always)]
-fn sweep_with<I: InstructionSet>(
+fn sweep_with<I: InstructionSet, S: ConvexShape>(
     set: I,
-    system: &mut System<impl ConvexShape>,
+    system: &mut System<S>,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Moves {
     let mut moves = Moves::default();
@@ -101,7 +101,7 @@ fn sweep_with<I: InstructionSet>(
         let [x, t] = six(rng);
         let angle = TURN * step / cold.shape.outer_mm();
         let center = [0, 1, 2].each(|a| hot.center[a] + step * x[a]);
-        let orientation = turned(cold.orientation, t.each(|t| angle * t));
+        let orientation = System::<S>::turned(cold.orientation, t.each(|t| angle * t));
         if system.skin_used(i, center, orientation) > SKIN_SHARE * cold.skin {
             system.cold[i].step *= SKIN_NARROWER;
             continue;

@@ -291,12 +291,21 @@ impl<S: ConvexShape> System<S> {
         self.cold[i].orientation = orientation;
     }
 
+    /// The orientation of a grain turned by a small rotation vector.
+    #[inline(always)]
+    pub(super) fn turned(orientation: Orientation, by: Vector) -> Orientation {
+        if S::Turned::IS_SPHERE { orientation } else { turned(orientation, by) }
+    }
+
     /// How far a pose has come out of where the list of a grain was built: the displacement, and what the rotation adds
     /// to the support function.
     #[inline(always)]
     pub(super) fn skin_used(&self, i: usize, center: Vector, q: Orientation) -> f64 {
         let cold = &self.cold[i];
         let x = [0, 1, 2].each(|a| center[a] - cold.listed_center[a]);
+        if S::Turned::IS_SPHERE {
+            return dot(x, x).sqrt();
+        }
         let p = cold.listed_orientation;
         let cosine = p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3];
         let sine2 = (1.0 - cosine * cosine).max(0.0);
@@ -343,7 +352,7 @@ pub(super) fn rotation(q: Orientation) -> [Vector; 3] {
 
 /// The quaternion turned by a small rotation vector, to first order, and made a unit again.
 #[inline(always)]
-pub(super) fn turned(q: Orientation, by: Vector) -> Orientation {
+fn turned(q: Orientation, by: Vector) -> Orientation {
     let [x, y, z] = by.each(|angle| 0.5 * angle);
     let p = [
         q[0] - x * q[1] - y * q[2] - z * q[3],

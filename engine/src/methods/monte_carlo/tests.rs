@@ -28,6 +28,15 @@ fn shapes(specimen: &Specimen, fraction: f64, d_max: f64, ratios: [f64; 3]) -> V
     (0..count).map(|i| of(d_max * 0.25_f64.powf(f64::from(i) / f64::from(count)))).collect()
 }
 
+/// What growth counted.
+fn counted(outcome: &Outcome<Vec<Pose>>) -> MonteCarloStatistics {
+    outcome.statistics.monte_carlo.unwrap()
+}
+
+fn sweeps(most: u64) -> GrowthStop {
+    GrowthStop { sweeps: Some(most), ..GrowthStop::default() }
+}
+
 fn rule(distance: &Distance, specimen: &Specimen) -> DistanceRule {
     DistanceRule::new(distance, specimen)
 }
@@ -48,7 +57,7 @@ fn packing<'a>(
         maximize,
         initial_scale: None,
         swap: true,
-        limits: Limits::default(),
+        stop: GrowthStop::default(),
         orientation: &uniform_orientation,
         seed: 3,
         preference: None,
@@ -79,10 +88,14 @@ fn packings_keep_all_gaps_in_all_specimens() {
                 let fraction = if matches!(distance, Distance::None { .. }) { 0.55 } else { 0.45 };
                 let shapes = shapes(specimen, fraction, 6.0, ratios);
                 let outcome = packing(&shapes, specimen, distance).run(None, &Unattended).unwrap();
-                assert_eq!((outcome.end, outcome.scale), (End::Target, 1.0), "{specimen:?} {distance:?}");
-                assert_valid(specimen, &rule(distance, specimen), &shapes, &outcome.poses);
+                assert_eq!(
+                    (outcome.end, outcome.scale),
+                    (GrowthEnd::Target, 1.0),
+                    "{specimen:?} {distance:?}"
+                );
+                assert_valid(specimen, &rule(distance, specimen), &shapes, &outcome.placed);
                 assert!((outcome.volume_fraction - fraction).abs() < 0.03);
-                assert!(outcome.statistics.cycles > 1 && outcome.statistics.swaps_accepted > 0);
+                assert!(counted(&outcome).compression_cycles > 1 && counted(&outcome).swaps_accepted > 0);
             }
         }
     }
@@ -101,14 +114,14 @@ fn a_dense_packing_of_broad_sizes_is_reached() {
     }
     let none = Distance::None { wall_gap_mm: None };
     let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, End::Target);
+    assert_eq!(outcome.end, GrowthEnd::Target);
     assert!(outcome.volume_fraction > 0.63, "{}", outcome.volume_fraction);
-    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.poses);
+    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.placed);
     // Growth prefers no direction.
     let mut tensor = Matrix3::zeros();
-    for pose in &outcome.poses {
+    for pose in &outcome.placed {
         let axis = pose.orientation * Vector3::x();
-        tensor += axis * axis.transpose() / outcome.poses.len() as f64;
+        tensor += axis * axis.transpose() / outcome.placed.len() as f64;
     }
     assert!((tensor - Matrix3::identity() / 3.0).abs().max() < 0.05, "{tensor}");
     let fractions: Vec<f64> = outcome.growth_curve.iter().map(|point| point.volume_fraction).collect();
@@ -121,15 +134,18 @@ fn every_cycle_ends_valid_at_its_scale() {
     let none = Distance::None { wall_gap_mm: None };
     for sweeps in [5, 20, 60, 120] {
         let mut packing = packing(&shapes, &BOX, &none);
-        packing.limits.sweeps = Some(sweeps);
+        packing.stop.sweeps = Some(sweeps);
         let outcome = packing.run(None, &Unattended).unwrap();
         let scale = outcome.scale;
-        assert!(outcome.end == End::SweepLimit && scale < 1.0 || outcome.end == End::Target, "{scale}");
+        assert!(
+            outcome.end == GrowthEnd::SweepLimit && scale < 1.0 || outcome.end == GrowthEnd::Target,
+            "{scale}"
+        );
         let present: Vec<Ellipsoid> = shapes
             .iter()
             .map(|shape| Ellipsoid::new((shape.semi_axes_mm() * scale * (1.0 - 1e-12)).into()).unwrap())
             .collect();
-        assert_valid(&BOX, &rule(&none, &BOX), &present, &outcome.poses);
+        assert_valid(&BOX, &rule(&none, &BOX), &present, &outcome.placed);
     }
 }
 
@@ -137,12 +153,12 @@ fn every_cycle_ends_valid_at_its_scale() {
 fn runs_are_the_same_again_and_on_every_processor() {
     let shapes = shapes(&BOX, 0.56, 6.0, [1.5, 1.2, 1.0]);
     let distance = Distance::Proportional { factor: 0.02, wall_gap_mm: None };
-    let run = || packing(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().poses;
+    let run = || packing(&shapes, &BOX, &distance).run(None, &Unattended).unwrap().placed;
     let poses = run();
     assert_eq!(poses, run());
     assert_eq!(poses, on_baseline(run));
     let other = MonteCarlo { seed: 4, ..packing(&shapes, &BOX, &distance) };
-    assert_ne!(poses, other.run(None, &Unattended).unwrap().poses);
+    assert_ne!(poses, other.run(None, &Unattended).unwrap().placed);
 }
 
 /// Wants every checkpoint that it is offered.
@@ -168,38 +184,38 @@ fn a_run_goes_on_from_any_checkpoint_as_if_it_had_never_stopped() {
             write(&mut body).unwrap();
             bodies.lock().unwrap().push(body);
         };
-        let limits = Limits { sweeps: Some(120), time_s: None };
+        let stop = sweeps(120);
         let packing = MonteCarlo {
             keep_checkpoint: Some(&keep),
-            limits,
+            stop,
             initial_scale: Some(0.9),
             ..packing(&shapes, &BOX, &distance)
         };
         let whole = packing.run(None, &Wants).unwrap();
         let without = packing.run(None, &Unattended).unwrap();
-        assert_eq!(whole.poses, without.poses);
+        assert_eq!(whole.placed, without.placed);
         let bodies = std::mem::take(&mut *bodies.lock().unwrap());
         assert!(bodies.len() > 2, "{}", bodies.len());
         for body in &bodies {
             let resumed = packing.run(Some(body), &Unattended).unwrap();
-            assert_eq!(resumed.poses, whole.poses);
-            let counted = Statistics { resumes: 0, ..resumed.statistics };
-            assert_eq!((counted, resumed.statistics.resumes), (whole.statistics, 1));
-            assert_eq!((resumed.gap_mm, resumed.end), (whole.gap_mm, whole.end));
+            assert_eq!(resumed.placed, whole.placed);
+            let as_whole = MonteCarloStatistics { resumes: 0, ..counted(&resumed) };
+            assert_eq!((as_whole, counted(&resumed).resumes), (counted(&whole), 1));
+            assert_eq!((resumed.distance_mm, resumed.end), (whole.distance_mm, whole.end));
             assert_eq!(resumed.growth_curve.len(), whole.growth_curve.len());
         }
         // What is none of this request is ignored, and the run begins again.
         let body = &bodies[1];
         for damaged in [&body[..body.len() - 1], &body[..40], &[]] {
             let again = packing.run(Some(damaged), &Unattended).unwrap();
-            assert_eq!((again.poses == whole.poses, again.statistics.resumes), (true, 0));
+            assert_eq!((again.placed == whole.placed, counted(&again).resumes), (true, 0));
         }
-        let short = MonteCarlo { limits: Limits { sweeps: Some(5), time_s: None }, ..packing };
+        let short = MonteCarlo { stop: sweeps(5), ..packing };
         for at in (0..body.len()).step_by(body.len() / 40) {
             let mut damaged = body.clone();
             damaged[at] ^= 0xff;
             let outcome = short.run(Some(&damaged), &Unattended).unwrap();
-            assert_eq!(outcome.poses.len(), shapes.len());
+            assert_eq!(outcome.placed.len(), shapes.len());
         }
     }
 }
@@ -210,13 +226,13 @@ fn the_largest_gap_is_kept_by_all() {
         for specimen in [BOX, Specimen::Cylinder { diameter_mm: 28.0, height_mm: 24.0 }] {
             let shapes = shapes(&specimen, 0.4, 6.0, [1.5, 1.2, 1.0]);
             let mut packing = packing(&shapes, &specimen, &Distance::Maximize { wall_gap_mm });
-            packing.limits.sweeps = Some(400);
+            packing.stop.sweeps = Some(400);
             let outcome = packing.run(None, &Unattended).unwrap();
-            let gap_mm = outcome.gap_mm.unwrap();
+            let gap_mm = outcome.distance_mm.unwrap();
             assert!(gap_mm > 0.2, "{gap_mm}");
             assert_eq!(outcome.scale, 1.0);
             let distance = Distance::Constant { gap_mm, wall_gap_mm };
-            assert_valid(&specimen, &rule(&distance, &specimen), &shapes, &outcome.poses);
+            assert_valid(&specimen, &rule(&distance, &specimen), &shapes, &outcome.placed);
         }
     }
 }
@@ -238,15 +254,15 @@ fn the_gap_at_a_limit_is_the_largest_that_is_kept() {
         (BOX, many(&BOX), 0.05),
     ] {
         let mut packing = packing(&shapes, &specimen, &Distance::Maximize { wall_gap_mm: None });
-        packing.limits.sweeps = Some(60);
+        packing.stop.sweeps = Some(60);
         let outcome = packing.run(None, &Unattended).unwrap();
-        assert_eq!(outcome.end, End::SweepLimit);
-        let gap_mm = outcome.gap_mm.unwrap();
+        assert_eq!(outcome.end, GrowthEnd::SweepLimit);
+        let gap_mm = outcome.distance_mm.unwrap();
         assert!(gap_mm > least_mm, "{gap_mm}");
-        assert_eq!(outcome.growth_curve.last().unwrap().gap_mm, Some(gap_mm));
+        assert_eq!(outcome.growth_curve.last().unwrap().distance_mm, Some(gap_mm));
         let keeps = |gap_mm: f64| {
             let rule = rule(&Distance::Constant { gap_mm, wall_gap_mm: None }, &specimen);
-            is_valid(&specimen, &rule, &shapes, &outcome.poses)
+            is_valid(&specimen, &rule, &shapes, &outcome.placed)
         };
         assert!(keeps(gap_mm) && !keeps(gap_mm * (1.0 + 1e-6)), "{gap_mm} in {specimen:?}");
     }
@@ -259,11 +275,11 @@ fn jammed_grains_stall_and_limits_are_obeyed() {
     let shapes = vec![Ellipsoid::new([5.0; 3]).unwrap(); 12];
     let none = Distance::None { wall_gap_mm: None };
     let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, End::Stalled);
+    assert_eq!(outcome.end, GrowthEnd::Stalled);
     assert!(outcome.scale < 1.0 && outcome.scale > 0.8, "{}", outcome.scale);
     let mut timed = packing(&shapes, &specimen, &none);
-    timed.limits.time_s = Some(1e-9);
-    assert_eq!(timed.run(None, &Unattended).unwrap().end, End::TimeLimit);
+    timed.stop.time_s = Some(1e-9);
+    assert_eq!(timed.run(None, &Unattended).unwrap().end, GrowthEnd::TimeLimit);
 }
 
 #[test]
@@ -272,8 +288,8 @@ fn eight_spheres_fill_a_box_of_their_size() {
     let shapes = vec![Ellipsoid::new([5.0; 3]).unwrap(); 8];
     let none = Distance::None { wall_gap_mm: None };
     let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, End::Target);
-    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.poses);
+    assert_eq!(outcome.end, GrowthEnd::Target);
+    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.placed);
 }
 
 #[test]
@@ -283,7 +299,7 @@ fn what_jams_just_below_its_target_is_expanded_as_long_as_it_helps() {
     let shapes = vec![Ellipsoid::new([5.0; 3]).unwrap(); 8];
     let none = Distance::None { wall_gap_mm: None };
     let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
-    assert_eq!((outcome.end, outcome.statistics.expansions), (End::Stalled, 1));
+    assert_eq!((outcome.end, counted(&outcome).expansions), (GrowthEnd::Stalled, 1));
     assert!((0.99..=0.995).contains(&outcome.scale), "{}", outcome.scale);
 }
 
@@ -294,8 +310,8 @@ fn a_long_grain_keeps_clear_of_its_own_images() {
     shapes.extend(vec![Ellipsoid::new([1.6, 1.2, 1.0]).unwrap(); 35]);
     let none = Distance::None { wall_gap_mm: None };
     let outcome = packing(&shapes, &specimen, &none).run(None, &Unattended).unwrap();
-    assert_eq!(outcome.end, End::Target);
-    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.poses);
+    assert_eq!(outcome.end, GrowthEnd::Target);
+    assert_valid(&specimen, &rule(&none, &specimen), &shapes, &outcome.placed);
 }
 
 #[test]

@@ -47,9 +47,11 @@ choices! {
         Auto "auto",
         /// Random sequential addition.
         Rsa "rsa",
+        /// Growth, by events or moves as the grains are.
+        Growth "growth",
         /// Event-driven molecular dynamics.
         Edmd "edmd",
-        /// Monte Carlo moves of ellipsoids and polyhedra.
+        /// Hard-particle Monte Carlo.
         MonteCarlo "monte_carlo",
     }
 

@@ -227,7 +227,7 @@ pub(crate) async fn capabilities(
         distances: vec!["none", "constant", "proportional", "smaller_diameter", "maximize"],
         shapes: vec!["sphere", "ellipsoid", "polyhedron", "preset", "mixture"],
         shape_presets: ShapePreset::ALL.iter().map(PresetInfo::of).collect(),
-        methods: vec!["auto", "rsa", "edmd", "monte_carlo"],
+        methods: vec!["auto", "rsa", "growth", "edmd", "monte_carlo"],
         formats: ResultFormat::ALL
             .into_iter()
             .map(|format| FormatInfo { name: format, media_type: format.media_type() })

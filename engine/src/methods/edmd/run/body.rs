@@ -2,14 +2,15 @@
 
 use std::io::{self, Write};
 
-use super::{CURVE_POINTS, ENERGY_DRIFT, Frame, Run, Stage};
+use super::{ENERGY_DRIFT, Frame, Run, Stage};
 use crate::memory::{collected, filled};
 use crate::methods::edmd::growth_protocol::GrowthProtocol;
 use crate::methods::edmd::records::Cold;
-use crate::methods::edmd::state::{Decoder, Encoder};
 use crate::methods::edmd::system::Counts;
 use crate::methods::edmd::tolerances::BEYOND_TARGET;
-use crate::packing::{GrowthPoint, RsaStatistics};
+use crate::methods::growth::codec::{Decoder, Encoder};
+use crate::methods::growth::{Curve, Expansions};
+use crate::packing::RsaStatistics;
 
 /// Largest scale that grains can have grown to until they jam: a list may have sizes of any unit.
 const MOST_SCALE: f64 = f64::MAX;
@@ -25,10 +26,9 @@ impl Run {
             self.rescalings,
             self.pinned_grains,
             self.resumes,
-            self.expansions,
+            self.expansions.number,
             self.swaps.tried,
             self.swaps.accepted,
-            self.curve_stride,
             counts.grain_collisions,
             counts.wall_collisions,
             counts.list_rebuilds,
@@ -42,7 +42,7 @@ impl Run {
         }
         for value in [
             self.size,
-            self.jammed_at,
+            self.expansions.jammed_at,
             self.first_size,
             self.pressure,
             self.events_per_time,
@@ -64,17 +64,7 @@ impl Run {
         let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.rebuilds) << 16;
         out.u32s(self.system.cold.iter().map(met))?;
         out.u32s(self.system.rank.iter().copied())?;
-        out.u64(self.curve.len() as u64)?;
-        for point in &self.curve {
-            out.f64(point.packing_time_s)?;
-            out.f64(point.simulated_time_s.unwrap_or_default())?;
-            out.u64(point.events)?;
-            out.f64(point.volume_fraction)?;
-            // Distances are never negative.
-            out.f64(point.distance_mm.unwrap_or(-1.0))?;
-            out.f64(point.reduced_pressure.unwrap_or_default())?;
-        }
-        Ok(())
+        self.curve.write(&mut out)
     }
 
     /// The run that a body was written by.
@@ -86,8 +76,8 @@ impl Run {
         let mut whole = || input.u64();
         let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
         let (cycles, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
-        let expansions = whole()?;
-        let (tried, accepted, curve_stride) = (whole()?, whole()?, whole()?);
+        let number = whole()?;
+        let (tried, accepted) = (whole()?, whole()?);
         let counts = Counts {
             grain_collisions: whole()?,
             wall_collisions: whole()?,
@@ -112,9 +102,9 @@ impl Run {
         run.earlier_s = input.f64()?;
         (run.rsa, run.rsa_s) = (rsa, input.f64()?);
         (run.compression_cycles, run.rescalings, run.pinned_grains) = (cycles, rescalings, pinned_grains);
-        (run.swaps.tried, run.swaps.accepted, run.curve_stride) = (tried, accepted, curve_stride.max(1));
+        (run.swaps.tried, run.swaps.accepted) = (tried, accepted);
         run.resumes = resumes + 1;
-        (run.expansions, run.jammed_at) = (expansions, jammed_at);
+        run.expansions = Expansions { number, jammed_at };
         run.system.counts = counts;
         let invalid = || io::Error::from(io::ErrorKind::InvalidData);
         let same = |column: Vec<f64>| if column.len() == n { Ok(column) } else { Err(invalid()) };
@@ -145,16 +135,7 @@ impl Run {
         run.system.mass = collected(rank.iter().map(|&rank| masses[rank as usize]))?;
         run.system.rank = rank;
         run.set_radii(protocol);
-        for _ in 0..input.u64()?.min(CURVE_POINTS as u64) {
-            run.curve.push(GrowthPoint {
-                packing_time_s: input.f64()?,
-                simulated_time_s: Some(input.f64()?),
-                events: input.u64()?,
-                volume_fraction: input.f64()?,
-                distance_mm: Some(input.f64()?).filter(|mm| *mm >= 0.0),
-                reduced_pressure: Some(input.f64()?),
-            });
-        }
+        run.curve = Curve::read(&mut input)?;
         input.finish()?;
         if run.is_possible(frame, started_with) { Ok(run) } else { Err(invalid()) }
     }
@@ -172,7 +153,7 @@ impl Run {
         // A grain may leave a periodic box by an edge, or a wall by rounding, between two looks.
         let inside = |position: &[f64; 3]| (0..3).all(|a| near(position[a], bounds[a] / 2.0, 3.0));
         sizes.contains(&self.size)
-            && (0.0..=1.0).contains(&self.jammed_at)
+            && (0.0..=1.0).contains(&self.expansions.jammed_at)
             && self.pressure > 0.0
             && self.events_per_time > 0.0
             && (0.0..=1.0).contains(&self.fraction)

@@ -7,15 +7,12 @@ use crate::checkpoint::Checkpoint;
 use crate::methods::edmd::compression_rate::scale_at_jamming;
 use crate::methods::edmd::growth_protocol::GrowthProtocol;
 use crate::methods::edmd::tolerances::BEYOND_TARGET;
+use crate::methods::growth::{EXPANSION, may_go_on};
 use crate::packing::GrowthEnd;
 use crate::request::OnLimit;
 
-/// A packing that jams is expanded and grown again where its scale lacks at most this much,
+/// A packing that jams is expanded and grown again where its scale lacks at most this much.
 const NEAR_TARGET: f64 = 5e-4;
-/// by this share of its scale,
-const EXPANSION: f64 = 3e-3;
-/// and so many times at most.
-const MOST_EXPANSIONS: u64 = 12;
 /// Pressure above which the scale at which a packing jams is known to a percent,
 const NEAR_JAMMING: f64 = 50.0;
 /// and the shares of a run between which it is judged: before, grains have not yet rearranged after they were
@@ -41,16 +38,9 @@ impl Run {
     /// Keeps a checkpoint of growth that ended short of its target, where its packing is kept and whoever runs it wants
     /// to go on later.
     pub(crate) fn keep_last(&self, frame: &Frame<'_>, end: GrowthEnd) {
-        let is_short = match end {
-            GrowthEnd::Target => false,
-            GrowthEnd::Finished => true,
-            _ => {
-                self.stage == Stage::Scale
-                    && frame.to_jamming.is_none()
-                    && frame.request.on_limit == OnLimit::Keep
-            }
-        };
-        if is_short && frame.control.wants_last_checkpoint() {
+        let is_scaling = self.stage == Stage::Scale && frame.to_jamming.is_none();
+        let is_kept = frame.request.on_limit == OnLimit::Keep;
+        if may_go_on(end, is_scaling, is_kept) && frame.control.wants_last_checkpoint() {
             let write = |out: &mut dyn Write| self.write(frame, out);
             frame.control.keep_checkpoint(&Checkpoint::new(frame.request, &write));
         }
@@ -66,22 +56,11 @@ impl Run {
         frame.is_over(self.earlier_s).then_some(GrowthEnd::TimeLimit)
     }
 
-    /// Expands a packing that jammed just below its target; says whether it did.
-    ///
-    /// The grains of the packing then rearrange and change places while they grow again, and jam at a higher volume
-    /// fraction. That is tried as long as the expansions that are left, by the mean gain of those before, add up to
-    /// what is missing.
+    /// Expands a packing that jammed just below its target, where that helps; says whether it did.
     pub(crate) fn expand(&mut self, protocol: &GrowthProtocol) -> bool {
-        let missing = 1.0 - self.size;
-        let gain = (self.size - self.jammed_at) / self.expansions.max(1) as f64;
-        let helps = gain * MOST_EXPANSIONS.saturating_sub(self.expansions) as f64 >= missing;
-        if self.stage != Stage::Scale || missing > NEAR_TARGET || !helps {
+        if self.stage != Stage::Scale || !self.expansions.begin(self.size, NEAR_TARGET) {
             return false;
         }
-        if self.expansions == 0 {
-            self.jammed_at = self.size;
-        }
-        self.expansions += 1;
         self.size *= 1.0 - EXPANSION;
         self.set_radii(protocol);
         // By free volume: Z = 3 / (1 - phi / phi_j) with phi / phi_j = (1 - EXPANSION)^3.

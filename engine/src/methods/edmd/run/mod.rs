@@ -15,6 +15,7 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::time::Instant;
 
+use super::Expected;
 use super::blocks;
 use super::compression_rate::{CompressionRate, LOOSE_RATE, distance_to_jamming};
 use super::container::Container;
@@ -22,14 +23,14 @@ use super::growth_protocol::GrowthProtocol;
 use super::swap::unjam;
 use super::system::{Counts, System};
 use super::tolerances::BEYOND_TARGET;
-use super::{Expected, ToJamming};
 use crate::checkpoint::Checkpoint;
 use crate::control::Control;
 use crate::memory::{OutOfMemory, collected, filled};
+use crate::methods::growth::{Curve, Expansions, ToJamming};
 use crate::methods::swap_pairs::SwapPairs;
 use crate::mix::sphere_volume;
-use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics};
-use crate::request::{Distance, EdmdOptions, PackingRequest};
+use crate::packing::{GrowthEnd, RsaStatistics};
+use crate::request::{Distance, GrowthOptions, PackingRequest};
 use crate::rng::cycle_stream;
 use crate::segregation::Preference;
 use forecast::Forecast;
@@ -55,8 +56,6 @@ const EVENTS_PER_LOOK: u64 = 20_000;
 /// Epochs between two sortings of grains in memory, and the least number of grains that profit.
 const CYCLES_PER_SORT: u64 = 16;
 const LEAST_SORTED: usize = 20_000;
-/// Most points of the curve; when it is full every other one goes.
-const CURVE_POINTS: usize = 500;
 /// A grain with more than this share of a cycle's collisions is pinned.
 const PINNED_SHARE: f64 = 0.25;
 /// Fewer grains than this are few enough for any to have that share.
@@ -95,7 +94,7 @@ pub(crate) enum Ended {
 /// What stays the same in a run.
 pub(crate) struct Frame<'a> {
     pub(crate) request: &'a PackingRequest,
-    pub(crate) options: EdmdOptions,
+    pub(crate) options: GrowthOptions,
     pub(crate) diameters_mm: &'a [f64],
     pub(crate) control: &'a dyn Control,
     /// What the run is expected to take; progress is predicted from it.
@@ -174,9 +173,7 @@ pub(crate) struct Run {
     rescalings: u64,
     pinned_grains: u64,
     resumes: u64,
-    /// Times that the packing was expanded, and the scale at which it jammed before the first of them.
-    expansions: u64,
-    jammed_at: f64,
+    expansions: Expansions,
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
@@ -186,8 +183,7 @@ pub(crate) struct Run {
     grow_started: Instant,
     fraction: f64,
     forecast: Forecast,
-    pub(crate) curve: Vec<GrowthPoint>,
-    curve_stride: u64,
+    pub(crate) curve: Curve,
 }
 
 impl Run {
@@ -234,8 +230,7 @@ impl Run {
             rescalings: 0,
             pinned_grains: 0,
             resumes: 0,
-            expansions: 0,
-            jammed_at: 0.0,
+            expansions: Expansions::default(),
             simulated_s: 0.0,
             earlier_s: 0.0,
             rsa: RsaStatistics::default(),
@@ -243,8 +238,7 @@ impl Run {
             grow_started: Instant::now(),
             fraction: 0.0,
             forecast: Forecast::new(&frame.expected),
-            curve: Vec::new(),
-            curve_stride: 1,
+            curve: Curve::new(),
         })
     }
 

@@ -3,8 +3,7 @@
 //! Reporting changes nothing about the packing: a run gives the same grains with and without it.
 
 use super::{
-    BEYOND_TARGET, CURVE_POINTS, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, LENGTH_COLLISIONS, Run,
-    STALL_EVENTS, Stage,
+    BEYOND_TARGET, CYCLE_EVENTS_PER_GRAIN, CYCLE_GROWTH, Frame, LENGTH_COLLISIONS, Run, STALL_EVENTS, Stage,
 };
 use crate::arrays;
 use crate::control::{Growth as Grown, Progress, Step};
@@ -69,24 +68,15 @@ impl Run {
     /// Notes the end of a compression cycle, in the forecast and in the growth curve.
     pub(super) fn note_point(&mut self, frame: &Frame<'_>) {
         self.forecast.note(self.events_per_grain(), self.size.powi(3));
-        if !self.compression_cycles.is_multiple_of(self.curve_stride) {
-            return;
-        }
-        self.curve.push(GrowthPoint {
-            packing_time_s: self.elapsed_s(frame),
-            simulated_time_s: Some(self.simulated_s),
-            events: self.system.counts.collisions(),
-            volume_fraction: self.volume_fraction(frame),
-            distance_mm: self.distance_mm(frame),
-            reduced_pressure: Some(self.pressure),
-        });
-        if self.curve.len() >= CURVE_POINTS {
-            let mut at = 0;
-            self.curve.retain(|_| {
-                at += 1;
-                at % 2 == 0
+        if self.curve.has(self.compression_cycles) {
+            self.curve.push(GrowthPoint {
+                packing_time_s: self.elapsed_s(frame),
+                simulated_time_s: Some(self.simulated_s),
+                events: self.system.counts.collisions(),
+                volume_fraction: self.volume_fraction(frame),
+                distance_mm: self.distance_mm(frame),
+                reduced_pressure: Some(self.pressure),
             });
-            self.curve_stride *= 2;
         }
     }
 
@@ -172,7 +162,7 @@ impl Run {
             velocity_rescalings: self.rescalings,
             compression_cycles: self.compression_cycles,
             pinned_grains: self.pinned_grains,
-            expansions: self.expansions,
+            expansions: self.expansions.number,
             resumes: self.resumes,
             predictions_per_event: counts.predictions as f64 / events.max(1) as f64,
             events_per_s: events as f64 / seconds.max(1e-9),

@@ -68,7 +68,7 @@ fn resumes(packing: &Packing) -> u64 {
 }
 
 /// Numbers before the columns: counts and measures; then each column with its length in front.
-const COUNTS: usize = 17;
+const COUNTS: usize = 16;
 const HEAD_BYTES: usize = (COUNTS + 11) * 8;
 
 #[test]

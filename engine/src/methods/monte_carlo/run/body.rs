@@ -1,42 +1,24 @@
 //! A run where its lists are due, as the body of a checkpoint: every number that the next cycle depends on.
 
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::time::Instant;
 
-use super::{BEYOND_TARGET, CURVE_POINTS, LEAST_RATE, MOST_MARGIN, MOST_RATE, Pushes, Run, Stage};
+use super::{BEYOND_TARGET, LEAST_RATE, MOST_MARGIN, MOST_RATE, Pushes, Run, Stage};
 use crate::arrays::Each as _;
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled, reserved};
+use crate::methods::growth::codec::{Decoder, Encoder};
+use crate::methods::growth::{Curve, Expansions};
+use crate::methods::monte_carlo::MonteCarlo;
 use crate::methods::monte_carlo::lists::Lists;
 use crate::methods::monte_carlo::system::rotation;
-use crate::methods::monte_carlo::{CurvePoint, MonteCarlo};
 use crate::packing::RsaStatistics;
 use crate::shape::Pose;
 
 /// Tells bodies of this method, and of this layout, from others.
-const MARK: u64 = u64::from_le_bytes(*b"mc-body3");
+const MARK: u64 = u64::from_le_bytes(*b"mc-body4");
 /// Floats of a grain.
 const FLOATS: usize = 9;
-
-fn write_u64(out: &mut dyn Write, value: u64) -> io::Result<()> {
-    out.write_all(&value.to_le_bytes())
-}
-
-fn write_f64(out: &mut dyn Write, value: f64) -> io::Result<()> {
-    out.write_all(&value.to_le_bytes())
-}
-
-fn read_u64(input: &mut &[u8]) -> io::Result<u64> {
-    let mut bytes = [0; 8];
-    input.read_exact(&mut bytes)?;
-    Ok(u64::from_le_bytes(bytes))
-}
-
-/// A finite number: nothing in a run is anything else.
-fn read_f64(input: &mut &[u8]) -> io::Result<f64> {
-    let value = f64::from_bits(read_u64(input)?);
-    if value.is_finite() { Ok(value) } else { Err(invalid()) }
-}
 
 fn invalid() -> io::Error {
     io::ErrorKind::InvalidData.into()
@@ -45,30 +27,30 @@ fn invalid() -> io::Error {
 impl<S: ConvexShape> Run<S> {
     /// The body of a checkpoint.
     pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let mut out = Encoder(out);
         let counted = self.counted();
         let (pushes, growth_before) = self.pushes.to_numbers();
         for value in [
             MARK,
             self.system.len() as u64,
             u64::from(self.stage == Stage::Gap),
-            counted.cycles,
+            counted.compression_cycles,
             counted.sweeps,
             counted.moves_tried,
             counted.moves_accepted,
             counted.swaps_tried,
             counted.swaps_accepted,
             counted.pushes,
-            counted.list_builds,
+            counted.list_rebuilds,
             counted.resumes,
             self.mark.1,
-            self.curve_stride,
             self.rsa.attempts,
             self.rsa.grains_by_subdivision,
             self.rsa.voxels_tested,
-            self.expansions,
+            self.expansions.number,
             pushes,
         ] {
-            write_u64(out, value)?;
+            out.u64(value)?;
         }
         for value in [
             self.system.stretch,
@@ -79,28 +61,20 @@ impl<S: ConvexShape> Run<S> {
             self.fraction,
             self.elapsed_s(),
             self.rsa_s,
-            self.jammed_at,
+            self.expansions.jammed_at,
             growth_before,
         ] {
-            write_f64(out, value)?;
+            out.f64(value)?;
         }
         let mut margins = self.margins.iter().peekable();
         for (site, &rank) in self.system.rank.iter().enumerate() {
             let (hot, cold) = (&self.system.hot[site], &self.system.cold[site]);
-            write_u64(out, u64::from(rank) << 1 | u64::from(cold.list.is_held()))?;
+            out.u64(u64::from(rank) << 1 | u64::from(cold.list.is_held()))?;
             let margin = margins.next_if(|margin| margin.0 as usize == site).map_or(1.0, |margin| margin.1);
             let floats = hot.center.into_iter().chain(cold.orientation).chain([cold.step, margin]);
-            floats.into_iter().try_for_each(|value| write_f64(out, value))?;
+            floats.into_iter().try_for_each(|value| out.f64(value))?;
         }
-        write_u64(out, self.curve.len() as u64)?;
-        for point in &self.curve {
-            write_f64(out, point.packing_time_s)?;
-            write_u64(out, point.moves)?;
-            write_f64(out, point.volume_fraction)?;
-            // Gaps are never negative.
-            write_f64(out, point.gap_mm.unwrap_or(-1.0))?;
-        }
-        Ok(())
+        self.curve.write(&mut out)
     }
 
     /// The run that a body was written by.
@@ -112,26 +86,25 @@ impl<S: ConvexShape> Run<S> {
         body: &[u8],
         started: Instant,
     ) -> io::Result<Self> {
-        let mut input = body;
-        let input = &mut input;
+        let mut input = Decoder(body);
         let n = of.shapes.len();
-        if read_u64(input)? != MARK || read_u64(input)? != n as u64 {
+        if input.u64()? != MARK || input.u64()? != n as u64 {
             return Err(invalid());
         }
-        let stage = if read_u64(input)? == 1 { Stage::Gap } else { Stage::Scale };
+        let stage = if input.u64()? == 1 { Stage::Gap } else { Stage::Scale };
         if stage == Stage::Gap && of.maximize.is_none() {
             return Err(invalid());
         }
-        let whole: [u64; 16] = {
-            let mut whole = [0; 16];
+        let whole: [u64; 15] = {
+            let mut whole = [0; 15];
             for value in &mut whole {
-                *value = read_u64(input)?;
+                *value = input.u64()?;
             }
             whole
         };
         let mut numbers = [0.0; 10];
         for value in &mut numbers {
-            *value = read_f64(input)?;
+            *value = input.f64()?;
         }
         let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at, growth_before] =
             numbers;
@@ -142,14 +115,14 @@ impl<S: ConvexShape> Run<S> {
         let mut sites: Vec<(usize, bool, [f64; FLOATS])> = reserved(n)?;
         let mut seen = filled(n, false)?;
         for _ in 0..n {
-            let packed = read_u64(input)?;
+            let packed = input.u64()?;
             let rank = (packed >> 1) as usize;
             if rank >= n || std::mem::replace(&mut seen[rank], true) {
                 return Err(invalid());
             }
             let mut floats = [0.0; FLOATS];
             for value in &mut floats {
-                *value = read_f64(input)?;
+                *value = input.f64()?;
             }
             sites.push((rank, packed & 1 == 1, floats));
         }
@@ -161,21 +134,20 @@ impl<S: ConvexShape> Run<S> {
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
-        run.pushes = Pushes::of_numbers(whole[15], growth_before).ok_or_else(invalid)?;
-        (run.expansions, run.jammed_at) = (whole[14], jammed_at);
+        run.pushes = Pushes::of_numbers(whole[14], growth_before).ok_or_else(invalid)?;
+        run.expansions = Expansions { number: whole[13], jammed_at };
         (run.fraction, run.earlier_s, run.rsa_s) = (fraction, earlier_s, rsa_s);
-        let counted = &mut run.statistics;
-        counted.cycles = whole[0];
+        let counted = &mut run.counted;
+        counted.compression_cycles = whole[0];
         counted.sweeps = whole[1];
         counted.moves_tried = whole[2];
         counted.moves_accepted = whole[3];
         (run.swaps.tried, run.swaps.accepted) = (whole[4], whole[5]);
         counted.pushes = whole[6];
-        counted.list_builds = whole[7];
+        counted.list_rebuilds = whole[7];
         counted.resumes = whole[8] + 1;
-        run.curve_stride = whole[10].max(1);
         run.rsa =
-            RsaStatistics { attempts: whole[11], grains_by_subdivision: whole[12], voxels_tested: whole[13] };
+            RsaStatistics { attempts: whole[10], grains_by_subdivision: whole[11], voxels_tested: whole[12] };
         let margin = |floats: &[f64; FLOATS]| floats[FLOATS - 1];
         run.margins = reserved(sites.iter().filter(|(.., floats)| margin(floats) != 1.0).count())?;
         for (site, (rank, is_held, floats)) in sites.into_iter().enumerate() {
@@ -185,15 +157,9 @@ impl<S: ConvexShape> Run<S> {
             run.place(of, site, rank, floats);
             run.system.cold[site].list.mark_held(is_held);
         }
-        for _ in 0..read_u64(input)?.min(CURVE_POINTS as u64) {
-            run.curve.push(CurvePoint {
-                packing_time_s: read_f64(input)?,
-                moves: read_u64(input)?,
-                volume_fraction: read_f64(input)?,
-                gap_mm: Some(read_f64(input)?).filter(|mm| *mm >= 0.0),
-            });
-        }
-        if input.is_empty() && run.is_possible() && run.is_valid()? { Ok(run) } else { Err(invalid()) }
+        run.curve = Curve::read(&mut input)?;
+        input.finish()?;
+        if run.is_possible() && run.is_valid()? { Ok(run) } else { Err(invalid()) }
     }
 
     /// Whether all grains keep their gaps.

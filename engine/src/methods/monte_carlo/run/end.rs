@@ -2,17 +2,15 @@
 
 use super::{CYCLES_PER_LIST, MOST_RATE, Run, Stage};
 use crate::gap::grain::{ConvexShape, Turned};
-use crate::methods::monte_carlo::{End, MonteCarlo};
+use crate::methods::growth::EXPANSION;
+use crate::methods::monte_carlo::MonteCarlo;
+use crate::packing::GrowthEnd;
 
 /// Cycles over which growth is compared to tell that it has stalled, and the least growth, relative.
 pub(super) const STALL_CYCLES: u64 = 200;
 const STALL_GROWTH: f64 = 1e-5;
-/// A packing that jams is expanded and grown again where its scale lacks at most this much,
+/// A packing that jams is expanded and grown again where its scale lacks at most this much.
 pub(super) const NEAR_TARGET: f64 = 0.02;
-/// by this share of its scale,
-pub(super) const EXPANSION: f64 = 3e-3;
-/// and so many times at most.
-pub(super) const MOST_EXPANSIONS: u64 = 12;
 /// Growth over as many cycles below which hard pushes are tried, relative.
 pub(super) const SLOW_GROWTH: f64 = 1e-3;
 /// Cycles of the trial: the first one or two hundred bring little, until the grains have rearranged. What it must gain
@@ -64,52 +62,41 @@ impl Pushes {
 }
 
 impl<S: ConvexShape> Run<S> {
-    pub(super) fn limit_reached(&mut self, of: &MonteCarlo<'_, S>) -> Option<End> {
-        if of.limits.sweeps.is_some_and(|most| self.statistics.sweeps >= most) {
-            return Some(End::SweepLimit);
+    pub(super) fn limit_reached(&mut self, of: &MonteCarlo<'_, S>) -> Option<GrowthEnd> {
+        if of.stop.sweeps.is_some_and(|most| self.counted.sweeps >= most) {
+            return Some(GrowthEnd::SweepLimit);
         }
-        if of.limits.time_s.is_some_and(|most| self.elapsed_s() >= most) {
-            return Some(End::TimeLimit);
+        if of.stop.time_s.is_some_and(|most| self.elapsed_s() >= most) {
+            return Some(GrowthEnd::TimeLimit);
         }
         let cycles = if let Pushes::Tried { .. } = self.pushes { TRIAL_CYCLES } else { STALL_CYCLES };
-        if self.statistics.cycles < self.mark.1 + cycles {
+        if self.counted.compression_cycles < self.mark.1 + cycles {
             return None;
         }
         let size = self.size();
         let growth = size / self.mark.0 - 1.0;
         let has_grown = size > self.mark.0 * (1.0 + STALL_GROWTH);
-        self.mark = (size, self.statistics.cycles);
+        self.mark = (size, self.counted.compression_cycles);
         let within = of.to_jamming.and_then(|to| to.within);
         if growth < SLOW_GROWTH && within.is_some_and(|[low, high]| !(low..=high).contains(&size)) {
-            return Some(End::Stalled);
+            return Some(GrowthEnd::Stalled);
         }
         let goes_on =
             self.change_pushes(of, growth) || has_grown || self.expand(of) || self.try_hard_pushes(growth);
-        (!goes_on).then_some(End::Stalled)
+        (!goes_on).then_some(GrowthEnd::Stalled)
     }
 
-    /// Expands a packing that jammed below its target; says whether it did.
-    ///
-    /// Grains then rearrange and change places while they grow again, and jam at a larger size. That is tried as long
-    /// as the expansions that are left, by the mean gain of those before, add up to what is missing.
+    /// Expands a packing that jammed below its target, where that helps; says whether it did.
     fn expand(&mut self, of: &MonteCarlo<'_, S>) -> bool {
         let size = self.size();
-        let missing = 1.0 - size;
-        if self.stage != Stage::Scale || of.to_jamming.is_some() || missing > NEAR_TARGET {
+        let is_scaling = self.stage == Stage::Scale && of.to_jamming.is_none();
+        if !is_scaling || !self.expansions.begin(size, NEAR_TARGET) {
             return false;
         }
-        let gain = (size - self.jammed_at) / self.expansions.max(1) as f64;
-        if gain * (MOST_EXPANSIONS.saturating_sub(self.expansions) as f64) < missing {
-            return false;
-        }
-        if self.expansions == 0 {
-            self.jammed_at = size;
-        }
-        self.expansions += 1;
         self.system.scale(1.0 + EXPANSION);
         self.rate = MOST_RATE;
         self.listed_cycles = CYCLES_PER_LIST;
-        self.mark = (0.0, self.statistics.cycles);
+        self.mark = (0.0, self.counted.compression_cycles);
         true
     }
 

@@ -19,13 +19,14 @@ use super::push::{Pusher, Strength, Tighten};
 use super::shake;
 use super::swap;
 use super::system::System;
-use super::{BEYOND_TARGET, CurvePoint, End, Interrupted, MonteCarlo, Outcome, Statistics};
+use super::{BEYOND_TARGET, MonteCarlo};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::memory::{Blocks, OutOfMemory, collected, filled, reserved};
+use crate::methods::growth::{Curve, Expansions, Interrupted, Outcome, may_go_on};
 use crate::methods::swap_pairs::{Families, SwapPairs};
-use crate::packing::RsaStatistics;
+use crate::packing::{GrowthEnd, MonteCarloStatistics, RsaStatistics, Statistics};
 use crate::rng::cycle_stream;
 use crate::shape::Pose;
 use end::Pushes;
@@ -74,8 +75,6 @@ const MARGIN_FALL: f64 = 0.9;
 pub(super) const MOST_SKIN_OVER_D: f64 = MOST_MARGIN * MOST_SKIN / 2.0;
 /// Lists are due when displacements were prevented as often as this share of the grains.
 const MOST_HELD: f64 = 0.01;
-/// Most points of the curve; when it is full every other one goes.
-const CURVE_POINTS: usize = 500;
 
 /// What grows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,7 +97,7 @@ pub(super) struct Run<S: ConvexShape> {
     rate: f64,
     swaps: SwapPairs,
     families: Families,
-    statistics: Statistics,
+    counted: MonteCarloStatistics,
     pub(super) rsa: RsaStatistics,
     pub(super) rsa_s: f64,
     /// Packing time before the last checkpoint.
@@ -107,11 +106,8 @@ pub(super) struct Run<S: ConvexShape> {
     /// Size, and the cycle at which it was noted, to tell a stall.
     mark: (f64, u64),
     pushes: Pushes,
-    /// Expansions so far, and the size at which the first packing jammed.
-    expansions: u64,
-    jammed_at: f64,
-    curve: Vec<CurvePoint>,
-    curve_stride: u64,
+    expansions: Expansions,
+    curve: Curve,
     fraction: f64,
     forecast: Forecast,
     /// Volume of the grains over that of the specimen.
@@ -148,17 +144,15 @@ impl<S: ConvexShape> Run<S> {
             rate: MOST_RATE,
             swaps: SwapPairs::new(FIRST_SWAP_WINDOW),
             families: Families::new(of.shapes, S::is_similar)?,
-            statistics: Statistics::default(),
+            counted: MonteCarloStatistics::default(),
             rsa: RsaStatistics::default(),
             rsa_s: 0.0,
             earlier_s: 0.0,
             started,
             mark: (0.0, 0),
             pushes: Pushes::Light,
-            expansions: 0,
-            jammed_at: 0.0,
-            curve: Vec::new(),
-            curve_stride: 1,
+            expansions: Expansions::default(),
+            curve: Curve::new(),
             fraction: 0.0,
             forecast: Forecast::default(),
             target_fraction: volume / of.specimen.volume_mm3(),
@@ -170,24 +164,25 @@ impl<S: ConvexShape> Run<S> {
     }
 
     /// Grows until something ends it, and keeps a checkpoint there if one is wanted.
-    pub(super) fn grow(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<End, Interrupted> {
+    pub(super) fn grow(
+        &mut self,
+        of: &MonteCarlo<'_, S>,
+        control: &dyn Control,
+    ) -> Result<GrowthEnd, Interrupted> {
         let end = self.grow_on(of, control)?;
-        let is_short = match end {
-            End::Target => false,
-            End::Finished => true,
-            _ => self.stage == Stage::Scale && of.to_jamming.is_none() && of.keeps_partial,
-        };
+        let is_scaling = self.stage == Stage::Scale && of.to_jamming.is_none();
+        let is_short = may_go_on(end, is_scaling, of.keeps_partial);
         if let Some(keep) = of.keep_checkpoint.filter(|_| is_short && control.wants_last_checkpoint()) {
             keep(&|out: &mut dyn Write| self.write(out));
         }
         Ok(end)
     }
 
-    fn grow_on(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<End, Interrupted> {
+    fn grow_on(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) -> Result<GrowthEnd, Interrupted> {
         loop {
             if self.stage == Stage::Scale && self.is_full_size() && of.to_jamming.is_none() {
                 if of.maximize.is_none() {
-                    return Ok(End::Target);
+                    return Ok(GrowthEnd::Target);
                 }
                 self.begin_gap();
             }
@@ -195,7 +190,7 @@ impl<S: ConvexShape> Run<S> {
                 if self.stage == Stage::Gap {
                     self.measure_gap()?;
                 }
-                return Ok(End::Finished);
+                return Ok(GrowthEnd::Finished);
             }
             if let Some(end) = self.limit_reached(of) {
                 if self.stage == Stage::Gap {
@@ -230,7 +225,7 @@ impl<S: ConvexShape> Run<S> {
         self.pushes = Pushes::Light;
         self.rate = MOST_RATE;
         self.listed_cycles = CYCLES_PER_LIST;
-        self.mark = (0.0, self.statistics.cycles);
+        self.mark = (0.0, self.counted.compression_cycles);
     }
 
     /// What the next cycle is to make tighter.
@@ -296,7 +291,7 @@ impl<S: ConvexShape> Run<S> {
             self.listed_more = self.system.more + reserve;
             self.listed_cycles = 0;
             self.system.held = 0;
-            self.statistics.list_builds += 1;
+            self.counted.list_rebuilds += 1;
             if self.stage == Stage::Scale {
                 return Ok(());
             }
@@ -322,7 +317,7 @@ impl<S: ConvexShape> Run<S> {
             self.build_lists()?;
         }
         if let Some(last) = self.curve.last_mut() {
-            last.gap_mm = Some(self.kept);
+            last.distance_mm = Some(self.kept);
         }
         Ok(())
     }
@@ -334,9 +329,9 @@ impl<S: ConvexShape> Run<S> {
         by: Tighten,
         control: &dyn Control,
     ) -> Result<bool, OutOfMemory> {
-        self.statistics.cycles += 1;
+        self.counted.compression_cycles += 1;
         self.listed_cycles += 1;
-        let mut rng = cycle_stream(of.seed, self.statistics.cycles);
+        let mut rng = cycle_stream(of.seed, self.counted.compression_cycles);
         if of.swap {
             let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
             let Self { swaps, families, system, .. } = self;
@@ -348,9 +343,9 @@ impl<S: ConvexShape> Run<S> {
         }
         for _ in 0..SWEEPS_PER_CYCLE.max(LEAST_MOVES / self.system.len().max(1) as u64) {
             let moves = shake::sweep(&mut self.system, &mut rng);
-            self.statistics.moves_tried += moves.tried;
-            self.statistics.moves_accepted += moves.accepted;
-            self.statistics.sweeps += 1;
+            self.counted.moves_tried += moves.tried;
+            self.counted.moves_accepted += moves.accepted;
+            self.counted.sweeps += 1;
             if control.should_stop() {
                 return Ok(false);
             }
@@ -381,7 +376,7 @@ impl<S: ConvexShape> Run<S> {
         // It has the poses to go back to, and is given back before the next cycle needs memory for other things.
         let mut pusher = Pusher::default();
         let pushed = pusher.push(&mut self.system, by, strength, most_sweeps)?;
-        self.statistics.pushes += pushed.pushes;
+        self.counted.pushes += pushed.pushes;
         if pushed.is_clear {
             self.rate *= if pushed.sweeps < EASY_SWEEPS { EASY } else { CLEAR };
         } else if pusher.keep_what_is_valid(&mut self.system, by) {
@@ -430,7 +425,11 @@ impl<S: ConvexShape> Run<S> {
     }
 
     /// The result.
-    pub(super) fn outcome(mut self, of: &MonteCarlo<'_, S>, end: End) -> Result<Outcome, Interrupted> {
+    pub(super) fn outcome(
+        mut self,
+        of: &MonteCarlo<'_, S>,
+        end: GrowthEnd,
+    ) -> Result<Outcome<Vec<Pose>>, Interrupted> {
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.specimen.bounds_mm();
@@ -451,16 +450,19 @@ impl<S: ConvexShape> Run<S> {
             None => (1.0 / self.system.stretch).min(1.0 - f64::EPSILON),
         };
         Ok(Outcome {
-            poses,
+            placed: poses,
             end,
             scale,
-            gap_mm: self.gap_mm(of),
+            distance_mm: self.gap_mm(of),
             volume_fraction: self.volume_fraction(of),
-            rsa: self.rsa,
-            statistics: self.counted(),
+            statistics: Statistics {
+                rsa: Some(self.rsa),
+                monte_carlo: Some(MonteCarloStatistics { growth_scale: scale, stop: end, ..self.counted() }),
+                ..Statistics::default()
+            },
             growth_s: self.elapsed_s() - self.rsa_s,
             rsa_s: self.rsa_s,
-            growth_curve: self.curve,
+            growth_curve: self.curve.into_points(),
         })
     }
 }

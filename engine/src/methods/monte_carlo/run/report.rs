@@ -7,11 +7,12 @@
 
 use std::collections::VecDeque;
 
-use super::{BEYOND_TARGET, CURVE_POINTS, Run, Stage, Statistics};
+use super::{BEYOND_TARGET, Run, Stage};
 use crate::control::{Control, Growth, Progress, Step};
 use crate::elementary::exp_m1;
 use crate::gap::grain::ConvexShape;
-use crate::methods::monte_carlo::{CurvePoint, MonteCarlo, START_SHARE};
+use crate::methods::monte_carlo::{MonteCarlo, START_SHARE};
+use crate::packing::{GrowthPoint, MonteCarloStatistics};
 
 /// Width of the fall of growth per work, as a share of the target's volume.
 const WIDTH: f64 = 0.07;
@@ -49,7 +50,7 @@ impl Forecast {
 impl<S: ConvexShape> Run<S> {
     /// Work so far, in tried moves per grain.
     fn work(&self) -> f64 {
-        let counted = self.statistics;
+        let counted = self.counted;
         let moves = (counted.moves_tried + self.swaps.tried) as f64;
         (moves + PUSH_WORK * counted.pushes as f64) / self.system.len().max(1) as f64
     }
@@ -76,30 +77,23 @@ impl<S: ConvexShape> Run<S> {
     pub(super) fn note_point(&mut self, of: &MonteCarlo<'_, S>) {
         let share = (1.0 / (self.system.stretch * BEYOND_TARGET)).powi(3);
         self.forecast.note(self.work(), share);
-        if !self.statistics.cycles.is_multiple_of(self.curve_stride) {
-            return;
-        }
-        self.curve.push(CurvePoint {
-            packing_time_s: self.elapsed_s(),
-            moves: self.statistics.moves_tried,
-            volume_fraction: self.volume_fraction(of),
-            gap_mm: (self.stage == Stage::Gap).then_some(self.kept),
-        });
-        if self.curve.len() >= CURVE_POINTS {
-            let mut at = 0;
-            self.curve.retain(|_| {
-                at += 1;
-                at % 2 == 0
+        if self.curve.has(self.counted.compression_cycles) {
+            self.curve.push(GrowthPoint {
+                packing_time_s: self.elapsed_s(),
+                simulated_time_s: None,
+                events: self.counted.moves_tried,
+                volume_fraction: self.volume_fraction(of),
+                distance_mm: (self.stage == Stage::Gap).then_some(self.kept),
+                reduced_pressure: None,
             });
-            self.curve_stride *= 2;
         }
     }
 
     /// Share of the run's work that is done, and whether the remaining time follows from it.
     fn share_done(&self, of: &MonteCarlo<'_, S>) -> (f64, bool) {
-        let limits = of.limits;
+        let limits = of.stop;
         let by_limits = [
-            limits.sweeps.map(|most| self.statistics.sweeps as f64 / most as f64),
+            limits.sweeps.map(|most| self.counted.sweeps as f64 / most as f64),
             limits.time_s.map(|most| self.elapsed_s() / most),
         ];
         let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
@@ -124,14 +118,14 @@ impl<S: ConvexShape> Run<S> {
     pub(super) fn report(&mut self, of: &MonteCarlo<'_, S>, control: &dyn Control) {
         let (fraction, predictable) = self.share_done(of);
         self.fraction = self.fraction.max(fraction.min(1.0));
-        let moves = self.statistics.moves_tried;
+        let moves = self.counted.moves_tried;
         let seconds = (self.elapsed_s() - self.rsa_s).max(1e-9);
         let volume_fraction = self.volume_fraction(of);
         control.report(&Progress {
             step: Step::MonteCarlo,
             fraction: self.fraction,
             done: moves,
-            total: of.limits.sweeps.unwrap_or(0) * self.system.len() as u64,
+            total: of.stop.sweeps.unwrap_or(0) * self.system.len() as u64,
             unit: "moves",
             message: format!("growing grains, volume fraction {volume_fraction:.4}"),
             growth: Some(Growth {
@@ -146,12 +140,12 @@ impl<S: ConvexShape> Run<S> {
     }
 
     /// What was counted.
-    pub(super) fn counted(&self) -> Statistics {
-        Statistics {
+    pub(super) fn counted(&self) -> MonteCarloStatistics {
+        MonteCarloStatistics {
             swaps_tried: self.swaps.tried,
             swaps_accepted: self.swaps.accepted,
-            expansions: self.expansions,
-            ..self.statistics
+            expansions: self.expansions.number,
+            ..self.counted
         }
     }
 }

@@ -2,13 +2,13 @@
 
 use nalgebra::Vector3;
 
-use super::end::{EXPANSION, MOST_EXPANSIONS, NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
+use super::end::{NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
 use super::*;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
-use crate::methods::monte_carlo::Limits;
+use crate::methods::growth::{EXPANSION, MOST_EXPANSIONS};
 use crate::mix::uniform_orientation;
-use crate::request::{Boundary, Distance, Specimen};
+use crate::request::{Boundary, Distance, GrowthStop, Specimen};
 use crate::shape::polyhedron::PlatonicSolid;
 use crate::shape::{Ellipsoid, ScaledPolyhedron};
 
@@ -26,7 +26,7 @@ fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
         maximize: None,
         initial_scale: None,
         swap: true,
-        limits: Limits::default(),
+        stop: GrowthStop::default(),
         orientation: &uniform_orientation,
         seed: 1,
         preference: None,
@@ -47,8 +47,8 @@ fn jammed(of: &MonteCarlo<'_, Ellipsoid>, size: f64) -> Run<Ellipsoid> {
 /// The run jams at a size.
 fn jam(run: &mut Run<Ellipsoid>, size: f64) {
     run.system.scale(1.0 / size / run.system.stretch);
-    run.mark = (run.size(), run.statistics.cycles);
-    run.statistics.cycles += STALL_CYCLES;
+    run.mark = (run.size(), run.counted.compression_cycles);
+    run.counted.compression_cycles += STALL_CYCLES;
 }
 
 #[test]
@@ -59,24 +59,24 @@ fn a_packing_that_jams_near_its_target_is_expanded_while_that_helps() {
     run.rate = LEAST_RATE;
     assert_eq!(run.limit_reached(&of), None);
     assert!((run.size() * (1.0 + EXPANSION) / 0.99 - 1.0).abs() < 1e-12, "{}", run.size());
-    assert_eq!((run.expansions, run.rate), (1, MOST_RATE));
+    assert_eq!((run.expansions.number, run.rate), (1, MOST_RATE));
     assert!(run.lists_are_due(run.tighten(false)));
     // Eleven more that gain as much reach the target.
     jam(&mut run, 0.991);
-    assert_eq!((run.limit_reached(&of), run.expansions), (None, 2));
+    assert_eq!((run.limit_reached(&of), run.expansions.number), (None, 2));
     jam(&mut run, 0.9905);
-    assert_eq!((run.limit_reached(&of), run.expansions), (Some(End::Stalled), 2));
+    assert_eq!((run.limit_reached(&of), run.expansions.number), (Some(GrowthEnd::Stalled), 2));
 }
 
 #[test]
 fn a_packing_that_jams_far_below_its_target_or_at_its_largest_gap_ends() {
     let shapes = shapes();
     let of = method(&shapes);
-    assert_eq!(jammed(&of, 1.0 - 1.1 * NEAR_TARGET).limit_reached(&of), Some(End::Stalled));
+    assert_eq!(jammed(&of, 1.0 - 1.1 * NEAR_TARGET).limit_reached(&of), Some(GrowthEnd::Stalled));
     let mut run = jammed(&of, 0.99);
     run.stage = Stage::Gap;
     run.mark = (run.size(), 0);
-    assert_eq!(run.limit_reached(&of), Some(End::Stalled));
+    assert_eq!(run.limit_reached(&of), Some(GrowthEnd::Stalled));
 }
 
 #[test]
@@ -88,8 +88,8 @@ fn a_checkpoint_has_the_expansions() {
     let mut body = Vec::new();
     run.write(&mut body).unwrap();
     let read = Run::read(&of, &body, Instant::now()).unwrap();
-    assert_eq!((read.expansions, read.jammed_at), (run.expansions, run.jammed_at));
-    assert_eq!((read.expansions, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
+    assert_eq!(read.expansions, run.expansions);
+    assert_eq!((read.expansions.number, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
 }
 
 /// Two octahedra at this size, which have grown by this share since the mark, so many cycles ago.
@@ -106,8 +106,8 @@ fn angular<'a>(
 
 /// The run has grown by this share in so many cycles.
 fn grown<S: ConvexShape>(run: &mut Run<S>, growth: f64, cycles: u64) {
-    run.mark = (run.size() / (1.0 + growth), run.statistics.cycles);
-    run.statistics.cycles += cycles;
+    run.mark = (run.size() / (1.0 + growth), run.counted.compression_cycles);
+    run.counted.compression_cycles += cycles;
 }
 
 #[test]
@@ -131,12 +131,12 @@ fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
         grown(&mut run, gain * slow, TRIAL_CYCLES - 1);
         assert_eq!(run.limit_reached(&of), None);
         assert!(run.pushes.are_hard());
-        run.statistics.cycles += 1;
+        run.counted.compression_cycles += 1;
         assert_eq!((run.limit_reached(&of), run.pushes), (None, pushes));
     }
     // Near the target, where expansions no longer help.
     let mut run = angular(&of, 1.0 - 0.9 * NEAR_TARGET, 0.0);
-    run.expansions = MOST_EXPANSIONS;
+    run.expansions.number = MOST_EXPANSIONS;
     assert_eq!(run.limit_reached(&of), None);
     assert!(run.pushes.are_hard());
     // One that jams with light pushes has both before it ends.
@@ -148,7 +148,7 @@ fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
     grown(&mut run, 0.0, STALL_CYCLES);
     assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::LightForGood));
     grown(&mut run, 0.0, STALL_CYCLES);
-    assert_eq!(run.limit_reached(&of), Some(End::Stalled));
+    assert_eq!(run.limit_reached(&of), Some(GrowthEnd::Stalled));
 }
 
 /// Lists hold for grains that stay in their skins: through moves, pushes, and swaps after both.
@@ -162,9 +162,9 @@ fn grains_stay_in_the_skins_that_their_lists_hold_for() {
         let of = MonteCarlo { seed, ..method(&shapes) };
         let packed = of.run(None, &Unattended).unwrap();
         // Once more, from grains of less size at the same places.
-        let mut run = Run::new(&of, packed.poses, 0.85, Instant::now()).unwrap();
+        let mut run = Run::new(&of, packed.placed, 0.85, Instant::now()).unwrap();
         let mut most = 0.0_f64;
-        while !run.is_full_size() && run.statistics.cycles < 1000 {
+        while !run.is_full_size() && run.counted.compression_cycles < 1000 {
             let by = run.tighten(false);
             if run.lists_are_due(by) {
                 run.build_lists().unwrap();
