@@ -270,6 +270,27 @@ async fn polyhedra_have_plans() {
 }
 
 #[tokio::test]
+async fn grains_grow_in_the_way_that_is_for_them_or_that_is_asked_for() {
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).workers(2).start().await;
+    let client = server.client();
+    for (job, method, used) in [
+        (jobs::quick(1), "growth", "edmd"),
+        (jobs::quick(1), "monte_carlo", "monte_carlo"),
+        (shaped(1), "growth", "monte_carlo"),
+    ] {
+        let finished = client.succeed(&jobs::with(job, "/method", json!({"type": method}))).await;
+        let result = client.result(id_of(&finished)).await;
+        assert_eq!(result["summary"]["method_used"], used);
+        assert!(!result["statistics"][used].is_null() && !result["timings_s"][used].is_null());
+        assert!(result["check"]["min_gap_mm"].as_f64().unwrap() >= 0.2, "{:#}", result["check"]);
+    }
+    let listed = client.get("/v1/jobs?method=growth").send().await.expect(200).json();
+    assert_eq!(listed["items"].as_array().unwrap().len(), 2, "{listed:#}");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_cannot_be_packed_is_refused_with_its_place() {
     let data_dir = DataDir::new();
     let server = Launch::new(&data_dir).start().await;
@@ -279,7 +300,14 @@ async fn what_cannot_be_packed_is_refused_with_its_place() {
     };
     for (job, pointer) in [
         (jobs::with(shaped(1), "/method", json!({"type": "edmd"})), "/method/type"),
-        (jobs::with(jobs::quick(1), "/method", json!({"type": "monte_carlo"})), "/method/type"),
+        (
+            jobs::with(shaped(1), "/method", json!({"type": "growth", "growth_rate": 0.1})),
+            "/method/growth_rate",
+        ),
+        (
+            jobs::with(jobs::quick(1), "/method", json!({"type": "growth", "stop": {"sweeps": 5}})),
+            "/method/stop/sweeps",
+        ),
         (polyhedra(json!({"faces": 3})), "/mix/shape/faces"),
         (polyhedra(json!({"template": "voronoi", "displacement": 0.1})), "/mix/shape/displacement"),
         (polyhedra(json!({"rounding": 0.6})), "/mix/shape/rounding"),

@@ -132,9 +132,12 @@ function aggregate(figures) {
 
 /** @param {any} plan @param {any} request */
 function methods(plan, request) {
-  const chosen = /** @type {Record<string, string>} */ ({ rsa: "rsa", growth: "growth", edmd: "growth", monte_carlo: "growth" })[
-    request.method?.type ?? ""
-  ];
+  const chosen = /** @type {Record<string, string>} */ ({
+    rsa: "rsa",
+    growth: "growth",
+    edmd: "growth",
+    monte_carlo: "growth",
+  })[request.method?.type ?? ""];
   const rows = Object.entries(plan.methods).map(([name, estimate]) =>
     h(
       "tr",

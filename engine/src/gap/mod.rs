@@ -11,8 +11,9 @@
 //! is the gap or, where the bodies overlap, minus the smallest depth. However a vector `n` was found, a pair is
 //! accepted only because `s(n) >= g` for that vector.
 //!
-//! [`ellipsoids`], [`polyhedra`] and [`spheres`] have the pairs, [`solids`] the bodies of all kinds, [`walls`] the plane and the
-//! cylindrical wall. Packing methods are generic over the kinds by way of [`grain`]. The module knows no packings.
+//! [`ellipsoids`], [`polyhedra`] and [`spheres`] have the pairs, [`solids`] the bodies of all kinds, [`walls`] the
+//! plane and the cylindrical wall. Packing methods are generic over the kinds by way of [`grain`]. The module knows no
+//! packings.
 
 // Pair tests are inlined into the loops over pairs, which are compiled for several instruction sets.
 #![allow(clippy::inline_always)]

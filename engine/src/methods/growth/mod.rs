@@ -118,8 +118,8 @@ pub(crate) enum Begun<R, P> {
     Finished(Box<Outcome<P>>),
 }
 
-/// Whether somebody may want to go on later with growth that ended so: it ended short of a target, `is_scaling`, and its
-/// packing is kept.
+/// Whether somebody may want to go on later with growth that ended so: it ended short of a target, `is_scaling`, and
+/// its packing is kept.
 pub(crate) fn may_go_on(end: GrowthEnd, is_scaling: bool, is_kept: bool) -> bool {
     match end {
         GrowthEnd::Target => false,
