@@ -1,8 +1,8 @@
 """Runs the commands of the tutorials and recipes as they stand there: python run_tutorials.py BINARY [PAGE...]
 
-Every block fenced as `sh` of a page in docs/tutorial or docs/recipes, in one shell, in this order, in a folder with the
-files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need CalculiX or Gmsh
-are skipped where it is missing.
+Every block fenced as `sh` of a page in docs/tutorial, docs/recipes or docs/coming-from, in one shell, in this order, in
+a folder with the files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need
+CalculiX or Gmsh are skipped where it is missing.
 """
 
 import os
@@ -19,6 +19,7 @@ DOCS = Path(__file__).resolve().parents[1]
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
     *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "damask", "abaqus")),
+    "coming-from/index",
 ]
 # The programs that pages need beside Packstone.
 NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"]}
@@ -45,7 +46,7 @@ def run(name: str, binary: Path) -> bool:
         port = listener.getsockname()[1]
         listener.close()
         page = DOCS / f"{name}.md"
-        for file in [*page.parent.glob("*.json"), *page.parent.glob("*.py")]:
+        for file in [file for ending in ("json", "py", "csv") for file in page.parent.glob(f"*.{ending}")]:
             shutil.copy(file, folder)
         bin_folder = Path(folder) / "bin"
         bin_folder.mkdir()
