@@ -18,11 +18,13 @@ DOCS = Path(__file__).resolve().parents[1]
 # In their order in the site; a later one may use the file of an earlier one.
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
-    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "damask", "abaqus")),
+    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "own-input", "abaqus",
+                                   "fenicsx", "fft", "damask", "chrono")),
     "coming-from/index",
 ]
 # The programs that pages need beside Packstone.
-NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"]}
+NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"],
+         "recipes/own-input": ["ccx"], "recipes/fenicsx": ["gmsh"], "recipes/chrono": ["unzip"]}
 PATH = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 LONGEST_S = 900
 
@@ -46,7 +48,7 @@ def run(name: str, binary: Path) -> bool:
         port = listener.getsockname()[1]
         listener.close()
         page = DOCS / f"{name}.md"
-        for file in [file for ending in ("json", "py", "csv") for file in page.parent.glob(f"*.{ending}")]:
+        for file in [file for ending in ("json", "py", "csv", "inp") for file in page.parent.glob(f"*.{ending}")]:
             shutil.copy(file, folder)
         bin_folder = Path(folder) / "bin"
         bin_folder.mkdir()
