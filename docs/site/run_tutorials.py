@@ -18,13 +18,20 @@ DOCS = Path(__file__).resolve().parents[1]
 # In their order in the site; a later one may use the file of an earlier one.
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
-    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "own-input", "abaqus",
-                                   "fenicsx", "fft", "damask", "chrono")),
+    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "mesh-study", "own-input")),
+    *(f"recipes/{name}" for name in ("abaqus", "fenicsx", "fft", "damask", "chrono")),
     "coming-from/index",
 ]
 # The programs that pages need beside Packstone.
-NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"],
-         "recipes/own-input": ["ccx"], "recipes/fenicsx": ["gmsh"], "recipes/chrono": ["unzip"]}
+NEEDS = {
+    "tutorial/calculix": ["ccx"],
+    "recipes/tetrahedra": ["ccx", "gmsh"],
+    "recipes/plane": ["ccx", "gmsh"],
+    "recipes/mesh-study": ["ccx", "gmsh"],
+    "recipes/own-input": ["ccx"],
+    "recipes/fenicsx": ["gmsh"],
+    "recipes/chrono": ["unzip"],
+}
 PATH = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 LONGEST_S = 900
 
