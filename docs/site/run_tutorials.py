@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[1]
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
     *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "mesh-study", "own-input")),
-    *(f"recipes/{name}" for name in ("abaqus", "fenicsx", "fft", "damask", "chrono")),
+    *(f"recipes/{name}" for name in ("abaqus", "fenicsx", "fft", "damask", "chrono", "pyvista")),
     "coming-from/index",
 ]
 # The programs that pages need beside Packstone.
@@ -31,6 +31,7 @@ NEEDS = {
     "recipes/own-input": ["ccx"],
     "recipes/fenicsx": ["gmsh"],
     "recipes/chrono": ["unzip"],
+    "recipes/pyvista": ["gmsh"],
 }
 PATH = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 LONGEST_S = 900
