@@ -23,11 +23,10 @@ fn root() -> PathBuf {
 /// The documents, by their path from the root.
 fn documents() -> BTreeMap<PathBuf, String> {
     let root = root();
-    let mut paths: Vec<PathBuf> = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "python/README.md"]
-        .into_iter()
-        .map(PathBuf::from)
-        .collect();
-    let mut folders = vec![root.join("docs")];
+    let singles =
+        ["README.md", "BENCHMARKS.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md", "python/README.md"];
+    let mut paths: Vec<PathBuf> = singles.into_iter().map(PathBuf::from).collect();
+    let mut folders = vec![root.join("docs"), root.join("examples")];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();

@@ -39,6 +39,7 @@ mod exports;
 mod faults;
 mod finishing;
 mod formats;
+mod gallery;
 mod gradient;
 mod growth;
 mod heavy_exports;

@@ -87,7 +87,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Makes links that lead out of docs lead to pages of the site, and checks that frames have a page."""
     for frame in re.findall(r'<iframe[^>]* src="([^"]+)"', markdown):
         # As a browser resolves it: against the address of the page.
-        target = os.path.normpath(f"{page.url}/{frame}" if page.url.endswith("/") else f"{page.url}/../{frame}")
+        target = os.path.normpath(os.path.join(os.path.dirname(page.url), frame))
         if files.get_file_from_path(target) is None:
             raise PluginError(f"{page.file.src_uri}: the frame {frame} shows {target}, which does not exist")
     if page.file.src_uri.startswith(("reference/", "files/")):

@@ -1,8 +1,8 @@
 """Runs the commands of the tutorials and recipes as they stand there: python run_tutorials.py BINARY [PAGE...]
 
-Every block fenced as `sh` of a page in docs/tutorial or docs/recipes, in one shell, in this order, in a folder with the
-files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need CalculiX or Gmsh
-are skipped where it is missing.
+Every block fenced as `sh` of a page in docs/tutorial, docs/recipes or docs/coming-from, in one shell, in this order, in
+a folder with the files that the page tells the reader to save. The port 8080 is replaced by a free one. Pages that need
+CalculiX or Gmsh are skipped where it is missing.
 """
 
 import os
@@ -18,10 +18,21 @@ DOCS = Path(__file__).resolve().parents[1]
 # In their order in the site; a later one may use the file of an earlier one.
 PAGES = [
     *(f"tutorial/{name}" for name in ("first-packing", "study", "cluster", "calculix")),
-    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "damask", "abaqus")),
+    *(f"recipes/{name}" for name in ("stiffness", "conductivity", "tetrahedra", "plane", "mesh-study", "own-input")),
+    *(f"recipes/{name}" for name in ("abaqus", "fenicsx", "fft", "damask", "chrono", "pyvista")),
+    "coming-from/index",
 ]
 # The programs that pages need beside Packstone.
-NEEDS = {"tutorial/calculix": ["ccx"], "recipes/tetrahedra": ["ccx", "gmsh"], "recipes/plane": ["ccx", "gmsh"]}
+NEEDS = {
+    "tutorial/calculix": ["ccx"],
+    "recipes/tetrahedra": ["ccx", "gmsh"],
+    "recipes/plane": ["ccx", "gmsh"],
+    "recipes/mesh-study": ["ccx", "gmsh"],
+    "recipes/own-input": ["ccx"],
+    "recipes/fenicsx": ["gmsh"],
+    "recipes/chrono": ["unzip"],
+    "recipes/pyvista": ["gmsh"],
+}
 PATH = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 LONGEST_S = 900
 
@@ -45,7 +56,7 @@ def run(name: str, binary: Path) -> bool:
         port = listener.getsockname()[1]
         listener.close()
         page = DOCS / f"{name}.md"
-        for file in [*page.parent.glob("*.json"), *page.parent.glob("*.py")]:
+        for file in [file for ending in ("json", "py", "csv", "inp") for file in page.parent.glob(f"*.{ending}")]:
             shutil.copy(file, folder)
         bin_folder = Path(folder) / "bin"
         bin_folder.mkdir()
