@@ -21,11 +21,12 @@ HEAD = """\
 # Gallery
 
 {count} jobs to start from. Each is a folder of [`examples/gallery`](../examples/gallery) with `request.json`, which is
-packed in less than a second, and a README with the command. Copy the one that is nearest to your problem and change
-it:
+packed in less than a second, and a README with the command. The command carries them: it copies the request into a
+folder of its name, packs it and draws a picture. Change the copy, and run it again:
 
 ```sh
-packstone run examples/gallery/standard-curve/request.json --out standard-curve --picture
+packstone run --example standard-curve
+packstone run standard-curve/request.json --out standard-curve --picture --force
 ```
 
 The service takes the same file: `curl localhost:8080/v1/jobs --json @request.json`. So does the page: paste it under

@@ -27,3 +27,23 @@ async fn every_request_of_the_gallery_is_packed_and_listed() {
     }
     assert!(count >= 24, "{count}");
 }
+
+#[tokio::test]
+async fn an_example_is_packed_by_its_name_alone() {
+    let directory = tempfile::tempdir().unwrap();
+    for again in [false, true] {
+        let more: &[&str] = if again { &["--force"] } else { &[] };
+        let ended = packstone(directory.path(), &[&["run", "--example", "air-voids"], more].concat()).await;
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        for file in ["request.json", "result.json", "result.png"] {
+            assert!(directory.path().join("air-voids").join(file).exists(), "{file}");
+        }
+    }
+    let ended =
+        packstone(directory.path(), &["run", "--example", "dice", "--out", "mine", "--format", "csv"]).await;
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(directory.path().join("mine/result.csv").exists() && !directory.path().join("dice").exists());
+    for wrong in [&["run", "--example", "dices"][..], &["run", "--example", "dice", "job.json"], &["run"]] {
+        assert_eq!(packstone(directory.path(), wrong).await.code, Some(2), "{wrong:?}");
+    }
+}

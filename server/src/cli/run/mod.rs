@@ -1,5 +1,6 @@
 //! `packstone run`: one job without a service, its result as files.
 
+mod examples;
 mod resume;
 mod watch;
 
@@ -10,7 +11,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use clap::{Args, builder::PossibleValuesParser, builder::TypedValueParser as _};
+use clap::Args;
+use clap::builder::{ArgPredicate, PossibleValuesParser, TypedValueParser as _};
 use packstone_engine::export::tables::{EngineInfo, Head};
 use packstone_engine::export::{ExportRequest, Model, Provenance};
 use packstone_engine::{FieldError, Grains, Limits, PackError, Packing, PlanError, Resume, TemplateCache};
@@ -30,13 +32,21 @@ use crate::jobs::{JobRequest, request};
 use crate::plots::job::{self, JobPlot, JobResult};
 use crate::plots::{PlotError, draw};
 use crate::telemetry::say;
+use examples::Example;
 use watch::Watch;
 
 /// Options of `packstone run`.
 #[derive(Args)]
 pub(super) struct Options {
     /// The job as JSON, as it would be submitted; `-` reads standard input
+    #[arg(required = false, required_unless_present = "example")]
+    #[arg(default_value_if("example", ArgPredicate::IsPresent, "request.json"))]
     job: PathBuf,
+    /// In place of a job: an example of the gallery (docs/gallery.md), which is copied as request.json into the folder
+    /// for the result, by default one of its name, and packed with a picture
+    #[arg(long, value_name = "NAME", value_parser = examples::parser(), hide_possible_values = true)]
+    #[arg(conflicts_with = "job")]
+    example: Option<Example>,
     /// Folder for the result; made where it is missing
     #[arg(long, default_value = ".")]
     out: PathBuf,
@@ -108,7 +118,24 @@ fn plot_parser() -> impl clap::builder::TypedValueParser<Value = JobPlot> {
         .try_map(|name| JobPlot::ALL.iter().copied().find(|kind| kind.name() == name).ok_or("no such plot"))
 }
 
-pub(super) fn run(options: &Options) -> Result<(), Failure> {
+impl Options {
+    /// The same options for a copy of the example that they name, if they do.
+    ///
+    /// # Errors
+    /// The copy cannot be written.
+    fn of_example(mut self) -> Result<Self, Failure> {
+        let Some(example) = self.example else { return Ok(self) };
+        if self.out.as_os_str() == "." {
+            self.out = PathBuf::from(example.name);
+        }
+        self.job = example.copied_to(&self.out)?;
+        self.picture = true;
+        Ok(self)
+    }
+}
+
+pub(super) fn run(options: Options) -> Result<(), Failure> {
+    let options = &options.of_example()?;
     // A run that was started without a seed goes on with the one that was drawn for it.
     let earlier = resume::Earlier::find(options)?;
     if options.earlier.resume && earlier.is_nothing() {
