@@ -170,7 +170,7 @@ function methods(plan, request) {
     h(
       "p",
       { class: "hint" },
-      "Reach: volume fraction, coating included, up to which the method succeeds in 90\u202f% of runs.",
+      "Reach: the volume fraction that 90\u202f% of runs reach, with the distance as a coating of the grains.",
     ),
   );
 }

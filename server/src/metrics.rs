@@ -380,7 +380,7 @@ impl Metrics {
     }
 }
 
-/// The forecasts of the jobs that wait and run. The first scales workers: see `docs/operation.md`.
+/// The forecasts of the jobs that wait and run. The first scales workers: see `docs/many-servers.md`.
 fn work(out: &mut Text, work: ForecastWork) {
     let default = format!("A job without a forecast counts as {} s.", UNKNOWN_FORECAST.as_secs());
     let name = "packstone_queue_work_seconds";

@@ -437,7 +437,7 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
         return Ok(());
     }
     let coating = if filled > effective * 1.000_001 {
-        format!(", {filled:.4} with the distance as a coating")
+        format!(" (with the distance as a coating {filled:.4})")
     } else {
         String::new()
     };
@@ -452,7 +452,7 @@ fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
     Err(infeasible(
         request.mix.amount_pointer(),
         format!(
-            "the grains to place are a volume fraction of {effective:.4}{coating}: {bodies} of this range of \
+            "the grains to place have a volume fraction of {effective:.4}{coating}: {bodies} of this range of \
              diameters (1 : {ratio:.2}) fill at most {densest:.4}; {advice}"
         ),
     ))

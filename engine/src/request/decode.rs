@@ -357,7 +357,9 @@ impl<'a> Object<'a> {
 
     /// The field, if it is there and not null.
     pub fn optional(&mut self, name: &'static str) -> Option<At<'a>> {
-        self.known.push(name);
+        if !self.known.contains(&name) {
+            self.known.push(name);
+        }
         self.map.get(name).filter(|v| !v.is_null()).map(|v| self.at.child(name, v))
     }
 
