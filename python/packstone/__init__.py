@@ -14,6 +14,7 @@ raised as :class:`PackstoneError`.
 """
 
 from ._native import __version__ as __version__
+from ._archives import Lattice
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
 from .blends import Blend, BlendedSieve
 from .builders import (
@@ -44,6 +45,7 @@ from .errors import (
 from .exports import Export
 from .gradings import Grading
 from .jobs import Job
+from .loading import load
 from .local import forecast, pack
 from .local_studies import LocalStudy, study
 from .packings import Packing
@@ -72,6 +74,7 @@ __all__ = [
     "Grading",
     "Job",
     "JobCancelled",
+    "Lattice",
     "LocalStudy",
     "Method",
     "Mix",
@@ -97,6 +100,7 @@ __all__ = [
     "WaitTimeout",
     "as_completed",
     "forecast",
+    "load",
     "pack",
     "steps",
     "study",

@@ -26,10 +26,17 @@ class Remote:
         self._transport = transport
         self._job_path = job_path
         self.title = title
+        self._report: dict[str, Any] | None = None
+
+    def count(self) -> int:
+        """The number of grains."""
+        return int(self.report()["summary"]["grains"])
 
     def report(self) -> dict[str, Any]:
         """The result without its grains."""
-        return document(self._transport.request("GET", f"{self._job_path}/result/summary"))
+        if self._report is None:
+            self._report = document(self._transport.request("GET", f"{self._job_path}/result/summary"))
+        return self._report
 
     def request(self) -> dict[str, Any]:
         """The request of the job."""

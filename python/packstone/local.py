@@ -99,6 +99,10 @@ class Local:
         grains, name = f"{len(self._made)} grains", self.request().get("name")
         return grains if name is None else f"{name!r} ({grains})"
 
+    def count(self) -> int:
+        """The number of grains."""
+        return len(self._made)
+
     def report(self) -> dict[str, Any]:
         """The result without its grains and its request."""
         summary: dict[str, Any] = json.loads(self._made.summary())

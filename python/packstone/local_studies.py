@@ -12,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _html, _native, _tables, _warnings
+from . import _files, _html, _native, _study_files, _tables, _warnings
 from ._columns import Labels
 from ._executors import Runner
 from ._progress import Progress
@@ -71,6 +71,7 @@ def study(
     )
     with refusals():
         made = LocalStudy(_native.Study(encoded(body)), keep)
+    made._request = {**body, "seed": made.seed}
     _warnings.warn(made.warnings)
     bar = Progress(f"study {made.name or made.seed}") if progress is True else None
     with bar or nullcontext(), Runner(executor, workers) as runner:
@@ -87,6 +88,7 @@ class LocalStudy:
 
     def __init__(self, native: _native.Study, keep: bool) -> None:
         document = json.loads(native.runs())
+        self._request: dict[str, Any] = {}
         self._native = native
         self._keep = keep
         self._runs = document["runs"]
@@ -100,6 +102,77 @@ class LocalStudy:
         """The JSON pointers of the fields that distinguish the points; ``point`` and ``name`` for a list of jobs."""
         self.packings: dict[tuple[int, int], Packing] = {}
         """The packings by point and replicate, if the study keeps them."""
+
+    @classmethod
+    def open(cls, directory: str | PathLike[str]) -> LocalStudy:
+        """Reads a study from the folder that :meth:`save` or ``packstone study`` wrote.
+
+        Parameters
+        ----------
+        directory
+            The folder. Packings below ``results`` are read where they lie as ``json``, ``csv`` or ``npy``.
+
+        Returns
+        -------
+        LocalStudy
+            The study with its table, runs, plots and packings. It can be unfinished.
+
+        Raises
+        ------
+        ValueError
+            If the folder holds no study, or a damaged one.
+        """
+        directory = Path(directory)
+        request, records = _study_files.read(directory)
+        packings = _study_files.packings(directory)
+        with refusals():
+            study = cls(_native.Study(encoded(request)), bool(packings))
+        study._request = request
+        for record in records:
+            place = (record.pop("point"), record.pop("replicate"))
+            study._records[place] = record
+            study._native.count(place[0], record["outcome"])
+        study.packings = packings
+        return study
+
+    def save(self, directory: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Writes the study into a folder, as ``packstone study`` does, and returns its path.
+
+        :func:`load` reads it again, and ``packstone study STUDY.json --out DIRECTORY --resume`` goes on with it. The
+        packings that the study keeps are written as ``results/POINT-REPLICATE.json``.
+
+        Parameters
+        ----------
+        directory
+            The folder, which is created.
+        overwrite
+            Whether the files of another study are replaced.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder holds a study.
+
+        Examples
+        --------
+        >>> mix = packstone.Mix("A16", 0.2, d_min_mm=4)
+        >>> study = packstone.study(template={"specimen": packstone.Box(40), "mix": mix}, replicates=2, seed=1, keep=True)
+        >>> packstone.load(study.save("two")).packings[0, 1]
+        <Packing of 44 grains: ...>
+        """
+        seeds = {(run["point"], run["replicate"]): run["request"]["seed"] for run in self._runs}
+        records = [
+            {"point": place[0], "replicate": place[1], "seed": seeds[place], **record}
+            for place, record in sorted(self._records.items())
+        ]
+        directory = Path(directory)
+        engine = next((kept.report["engine"] for kept in self.packings.values()), {"version": _native.__version__})
+        _study_files.write(directory, engine, self._request, records, overwrite=overwrite)
+        self.to_csv(directory / "table.csv")
+        _files.write(directory / "table.json", self._native.table(self._ended(), "json").encode())
+        for (point, replicate), packing in self.packings.items():
+            packing.save(directory / "results" / f"{point}-{replicate}.json")
+        return directory
 
     @property
     def points(self) -> int:

@@ -32,20 +32,6 @@ PackingPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "
 PACKING_PLOT_KINDS: tuple[PackingPlotKind, ...] = get_args(PackingPlotKind)
 Theme = Literal["light", "dark"]
 
-COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
-"""Columns of spheres: centre and diameter."""
-
-ELLIPSOID_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "a_mm", "b_mm", "c_mm")
-"""Columns of ellipsoids: those of the sphere of equal volume, sieve size, orientation quaternion, semi-axes."""
-
-POLYHEDRON_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "template")
-"""Columns of polyhedra: those of the sphere of equal volume, sieve size, orientation quaternion, index of the template.
-"""
-
-MIXED_COLUMNS = (*ELLIPSOID_COLUMNS, "template")
-"""Columns of ellipsoids and polyhedra in one packing: polyhedra have the semi-axes 0, ellipsoids the template -1."""
-
-
 class File(NamedTuple):
     """A file of a packing: its grains in a format, or an export with its options."""
 
@@ -61,6 +47,10 @@ class Source(Protocol):
     @property
     def title(self) -> str:
         """What was packed, for a message or a heading."""
+        ...
+
+    def count(self) -> int:
+        """The number of grains."""
         ...
 
     def report(self) -> dict[str, Any]:
@@ -147,8 +137,8 @@ class Packing:
     def grains(self) -> NDArray[np.float64]:
         """The grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
 
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``, packings of both
-        ``MIXED_COLUMNS``. Of a mix of several aggregates the last column is ``aggregate``, their index from 0. All
+        :attr:`columns` names them: other shapes have the sieve size, a quaternion, and the semi-axes of ellipsoids or
+        the template of polyhedra, too. Of a mix of several aggregates the last column is ``aggregate``, their index from 0. All
         grains, :attr:`positions` and :attr:`diameters` are one array, which cannot be written: change a ``copy()``.
         """
         grains = self._source.grains()
@@ -307,7 +297,7 @@ class Packing:
         return Viewer(page=page, height_px=height_px)
 
     def __len__(self) -> int:
-        return int(self.report["summary"]["grains"])
+        return self._source.count()
 
     def __bool__(self) -> bool:
         # Otherwise a truth test would fetch the report, and a packing without grains would be false.

@@ -11,7 +11,8 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import CutAfter, FaultyProxy
-from packstone.packings import MIXED_COLUMNS, FileFormat
+from packstone._tabular import MIXED
+from packstone.packings import FileFormat
 
 
 @pytest.fixture
@@ -102,7 +103,7 @@ def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
 def test_ellipsoids_and_polyhedra_have_columns_of_both(client: packstone.Client) -> None:
     result = client.submit(mixes.mixed()).result()
     table = result.to_dataframe()
-    assert tuple(table.columns) == MIXED_COLUMNS
+    assert tuple(table.columns) == MIXED
     of_template = table["template"] >= 0
     assert 0 < of_template.sum() < len(table) and len(result.templates()) == 3
     assert (table["a_mm"][of_template] == 0).all() and (table["template"][~of_template] == -1).all()
