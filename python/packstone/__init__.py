@@ -36,6 +36,7 @@ from .completion import as_completed
 from .errors import (
     ConnectionFailed,
     Fault,
+    InvalidRequest,
     JobCancelled,
     PackstoneError,
     PackstoneWarning,
@@ -72,6 +73,7 @@ __all__ = [
     "Export",
     "Fault",
     "Grading",
+    "InvalidRequest",
     "Job",
     "JobCancelled",
     "Lattice",

@@ -6,11 +6,13 @@ well. Bounds are checked by the engine, whose errors name the field, the value a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 from . import blends, readings
 from ._fields import Fields
+from .errors import invalid
 from .gradings import Grading
 
 if TYPE_CHECKING:
@@ -34,16 +36,17 @@ if TYPE_CHECKING:
         max_attempts: int
         shared: bool
         webhook_url: str | None
-        specimen: Specimen | Mapping[str, Any]
+        specimen: Specimen | Mapping[str, Any] | float | tuple[float, float, float]
         mix: Mix | Mapping[str, Any]
-        distance: Distance | Mapping[str, Any]
-        method: Method | Mapping[str, Any]
+        distance: Distance | Mapping[str, Any] | Literal["none", "maximize"] | float
+        method: Method | Mapping[str, Any] | MethodName
         segregation: Segregation | Mapping[str, Any]
         on_limit: Literal["fail", "keep"]
         materials: Mapping[str, Mapping[str, float]]
         postprocess: Sequence[Mapping[str, Any]] | Mapping[str, Any]
 
 
+MethodName = Literal["auto", "rsa", "edmd", "monte_carlo"]
 Face = Literal["x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "side"]
 
 
@@ -52,27 +55,60 @@ class Specimen(Fields):
 
 
 class Box(Specimen):
-    """A box. ``Box(150)`` is a cube with edges of 150 mm, ``Box(40, 40, 160)`` a prism.
+    """A box: a cube of one edge length, or a prism of three.
 
-    `boundary` is ``walls`` (the default) for rigid walls, as of a mould, or ``periodic``.
+    Parameters
+    ----------
+    x_mm
+        The edge of a cube in mm, or all three edges as one tuple or array.
+    y_mm, z_mm
+        The other edges of a prism in mm.
+    boundary
+        ``walls`` (the default) for rigid walls, as of a mould, or ``periodic``.
+
+    Examples
+    --------
+    >>> packstone.Box(150) == packstone.Box(150, 150, 150)
+    True
+    >>> packstone.Box((60, 40, 20), boundary="periodic")
+    Box({'type': 'box', 'size_mm': [60, 40, 20], 'boundary': 'periodic'})
     """
 
     def __init__(
         self,
-        x_mm: float,
+        x_mm: float | Sequence[float] | ArrayLike,
         y_mm: float | None = None,
         z_mm: float | None = None,
         *,
         boundary: Literal["walls", "periodic"] | None = None,
     ) -> None:
-        if (y_mm is None) != (z_mm is None):
-            raise TypeError("a box has one edge length or three")
-        size = [x_mm, x_mm if y_mm is None else y_mm, x_mm if z_mm is None else z_mm]
+        size: list[Any]
+        if isinstance(x_mm, Real):
+            if (y_mm is None) != (z_mm is None):
+                raise invalid("z_mm" if z_mm is None else "y_mm", "a box has one edge length or three")
+            size = [x_mm, x_mm if y_mm is None else y_mm, x_mm if z_mm is None else z_mm]
+        else:
+            if y_mm is not None or z_mm is not None:
+                raise invalid("y_mm" if y_mm is not None else "z_mm", "x_mm has all edges of the box")
+            size = list(x_mm) if isinstance(x_mm, Iterable) else [x_mm]
+            if len(size) != 3:
+                raise invalid("x_mm", f"{len(size)} edge lengths: a box has one or three")
         super().__init__(type="box", size_mm=size, boundary=boundary)
 
 
 class Cylinder(Specimen):
-    """A cylinder that stands on z = 0 with its axis at x = y = diameter / 2."""
+    """A cylinder that stands on z = 0 with its axis at x = y = diameter / 2.
+
+    Parameters
+    ----------
+    diameter_mm, height_mm
+        Its sizes in mm.
+
+    Examples
+    --------
+    >>> packstone.Cylinder(100, 200)
+    Cylinder({'type': 'cylinder', 'diameter_mm': 100, 'height_mm': 200})
+    """
 
     def __init__(self, diameter_mm: float, height_mm: float) -> None:
         super().__init__(type="cylinder", diameter_mm=diameter_mm, height_mm=height_mm)
