@@ -15,6 +15,8 @@ raised as :class:`PackstoneError`.
 
 from ._native import __version__ as __version__
 from ._archives import Lattice
+from ._conversions import Neighbours
+from ._grain_arrays import Grain
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
 from .blends import Blend, BlendedSieve
 from .builders import (
@@ -47,7 +49,7 @@ from .exports import Export
 from .gradings import Grading
 from .jobs import Job
 from .loading import load
-from .local import forecast, pack
+from .local import pack, plan
 from .local_studies import LocalStudy, study
 from .packings import Packing
 from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
@@ -73,6 +75,7 @@ __all__ = [
     "Export",
     "Fault",
     "Grading",
+    "Grain",
     "InvalidRequest",
     "Job",
     "JobCancelled",
@@ -87,6 +90,7 @@ __all__ = [
     "MixPart",
     "MixReading",
     "MixRecipe",
+    "Neighbours",
     "Packing",
     "PackstoneError",
     "PackstoneWarning",
@@ -101,7 +105,7 @@ __all__ = [
     "View",
     "WaitTimeout",
     "as_completed",
-    "forecast",
+    "plan",
     "load",
     "pack",
     "steps",

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile, ZipFile
 
-import numpy as np
-
+from ._numpy import np
 from ._optional import needed
 
 if TYPE_CHECKING:

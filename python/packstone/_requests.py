@@ -19,7 +19,7 @@ def job_body(job: Mapping[str, Any] | None, fields: JobFields) -> dict[str, Any]
 
 
 def study_body(study: Mapping[str, Any] | None, **fields: Any) -> dict[str, Any]:
-    """Returns the request of a study. A field that is given by name, and is not `None`, replaces that of the mapping."""
+    """Returns the request of a study. A field that is given by name and is not `None` replaces that of the mapping."""
     body = {**(study or {}), **{field: value for field, value in fields.items() if value is not None}}
     if isinstance(body.get("template"), Mapping):
         body["template"] = whole(body["template"])

@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import numpy as np
+from ._numpy import np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .exports import ExportType
-    from .packings import File, PackingPlotKind, Theme
+    from ._sources import File, PackingPlotKind, Theme
+    from .options import ExportType
 
 SPHERES = ("x_mm", "y_mm", "z_mm", "d_mm")
 """Columns of spheres: centre and diameter."""
@@ -62,6 +62,10 @@ class Tabular:
     def count(self) -> int:
         """The number of grains."""
         return len(self._grains)
+
+    def in_memory(self) -> Tabular:
+        """This packing."""
+        return self
 
     def report(self) -> dict[str, Any]:
         """A table has none."""

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -14,14 +14,16 @@ from . import _html, _warnings
 from ._listing import ITEMS_PER_PAGE, pages
 from ._native import __version__
 from ._requests import job_body, rfc3339, study_body
-from ._transport import Transport, document
+from ._transport import KEY_VARIABLE, Transport, document
 from .jobs import FinishedState, Job, State
+from .packings import Packing
 from .studies import Study, StudyState
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from .builders import JobFields
+    from .results import JobPlan
 
 S = TypeVar("S", Job, Study)
 JobOrder = Literal["created", "-created", "priority", "-priority", "finished", "-finished"]
@@ -35,7 +37,8 @@ class Client:
     The defaults of `url` and `api_key` are the environment variables ``PACKSTONE_URL`` and
     ``PACKSTONE_API_KEY``; without them, the server of this machine. If a connection breaks or the server is
     busy, the request is repeated for `retry_s` with growing pauses. Several threads may share a client. A
-    client can be pickled, and so can its jobs, studies and results; the pickle contains the API key.
+    client can be pickled, and so can its jobs and studies; the pickle never contains the API key, which the copy takes
+    from ``PACKSTONE_API_KEY``. A pickled :class:`Packing` holds its grains and needs no server.
     """
 
     def __init__(
@@ -48,7 +51,7 @@ class Client:
     ) -> None:
         self._transport = Transport(
             url or os.environ.get("PACKSTONE_URL") or DEFAULT_URL,
-            api_key or os.environ.get("PACKSTONE_API_KEY"),
+            api_key or os.environ.get(KEY_VARIABLE),
             agent=f"packstone-python/{__version__}",
             timeout_s=timeout_s,
             retry_s=retry_s,
@@ -89,14 +92,40 @@ class Client:
         """
         return self._submitted(Job, "/v1/jobs", job_body(job, fields), idempotency_key)
 
-    def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> dict[str, Any]:
+    def pack(
+        self,
+        job: Mapping[str, Any] | None = None,
+        /,
+        *,
+        timeout: float | None = None,
+        progress: bool = False,
+        **fields: Unpack[JobFields],
+    ) -> Packing:
+        """Lets the server pack, and returns the packing, as :func:`packstone.pack` does in this process.
+
+        It is ``submit(job).result()``: :meth:`submit` returns at once with the :class:`Job`.
+
+        Parameters
+        ----------
+        job
+            A mapping as in ``POST /v1/jobs``.
+        timeout
+            Longest wait in s; the job goes on after it.
+        progress
+            Whether a bar is shown.
+        **fields
+            Fields of the job, which replace those of the mapping.
+        """
+        return self.submit(job, **fields).result(timeout, progress)
+
+    def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> JobPlan:
         """Returns what a job amounts to: expected grains, volume fractions, memory, time, warnings.
 
         Nothing is stored. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not
         fit.
         """
         response = self._transport.request("POST", "/v1/plans", body=job_body(job, fields), repeatable=True)
-        plan = document(response)
+        plan = cast("JobPlan", document(response))
         _warnings.warn(_warnings.texts(plan))
         return plan
 

@@ -192,7 +192,8 @@ class Grading(Fields):
 pass percent=True
         """
         pairs = _rows("points", points, 2, "the diameter in mm and what passes it")
-        passings = _fractions("points", [passing for _, passing in pairs], percent, [f"passes {d:g} mm" for d, _ in pairs])
+        meanings = [f"passes {diameter:g} mm" for diameter, _ in pairs]
+        passings = _fractions("points", [passing for _, passing in pairs], percent, meanings)
         shared = [[diameter, passing] for (diameter, _), passing in zip(pairs, passings, strict=True)]
         return cls(type="sieves", points=shared, between=between)
 
@@ -213,9 +214,8 @@ pass percent=True
         {'d_min_mm': 4, 'd_max_mm': 8, 'mass_fraction': 0.4}
         """
         rows = _rows("classes", classes, 3, "the lower and the upper diameter in mm and the share")
-        shares = _fractions(
-            "classes", [row[2] for row in rows], percent, [f"is the share of {row[0]:g} to {row[1]:g} mm" for row in rows]
-        )
+        meanings = [f"is the share of {row[0]:g} to {row[1]:g} mm" for row in rows]
+        shares = _fractions("classes", [row[2] for row in rows], percent, meanings)
         names = ("d_min_mm", "d_max_mm", "mass_fraction")
         items = [dict(zip(names, (*row[:2], share), strict=True)) for row, share in zip(rows, shares, strict=True)]
         return cls(type="classes", classes=items)

@@ -8,9 +8,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, NoReturn
 
-import numpy as np
-
 from . import _archives, _native, _stored
+from ._numpy import np
 from ._optional import needed
 from ._tabular import INDICES, SPHERES, Tabular, columns_of
 from .local import Local

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 from . import _native, _warnings
 from ._progress import Progress, note
 from ._requests import encoded, job_body
-from .errors import error_of
-from .exports import ExportType
-from .packings import File, Packing
+from ._refusals import refusals
+from ._sources import File
+from .options import ExportType
+from .packings import Packing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from .builders import JobFields
-    from .packings import PackingPlotKind, Theme
+    from .results import JobPlan
+    from ._sources import PackingPlotKind, Theme
 
 
 def pack(
@@ -64,21 +66,21 @@ def pack(
     return packing
 
 
-def forecast(
+def plan(
     job: Mapping[str, Any] | None = None,
     /,
     *,
     max_grains: int | None = None,
     **fields: Unpack[JobFields],
-) -> dict[str, Any]:
+) -> JobPlan:
     """Returns what a job amounts to, as :meth:`Client.plan`: expected grains, volume fractions, memory, time, warnings.
 
     Nothing is packed. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not fit.
     """
     with refusals():
-        plan: dict[str, Any] = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
-    _warnings.warn(_warnings.texts(plan))
-    return plan
+        planned: JobPlan = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
+    _warnings.warn(_warnings.texts(planned))
+    return planned
 
 
 class Local:
@@ -102,6 +104,10 @@ class Local:
     def count(self) -> int:
         """The number of grains."""
         return len(self._made)
+
+    def in_memory(self) -> Local:
+        """This packing."""
+        return self
 
     def report(self) -> dict[str, Any]:
         """The result without its grains and its request."""
@@ -154,15 +160,6 @@ class Local:
         """A plot, drawn as a server draws it."""
         with refusals():
             return self._made.plot(kind, title, theme)
-
-
-@contextmanager
-def refusals() -> Iterator[None]:
-    """Raises what the native module refuses as the exceptions of this package."""
-    try:
-        yield
-    except _native.Refused as refused:
-        raise error_of(json.loads(refused.args[0])) from None
 
 
 @contextmanager

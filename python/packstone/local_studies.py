@@ -17,13 +17,18 @@ from ._columns import Labels
 from ._executors import Runner
 from ._progress import Progress
 from ._requests import encoded, study_body
-from .local import Local, refusals
-from .packings import FileFormat, Packing, Theme, check_format
+from ._refusals import refusals
+from .local import Local
+from ._sources import FileFormat, Theme, file_of
+from .packings import Packing
 from .studies import StudyPlotKind
 from .svg import Svg
 
 if TYPE_CHECKING:
     import pandas as pd
+    from typing_extensions import Unpack
+
+    from .options import FileOptions
 
 # The columns of a table of runs that each run has.
 RUN_COLUMNS = ("point", "replicate", "seed", "outcome", "error", "time_s")
@@ -156,7 +161,7 @@ class LocalStudy:
         Examples
         --------
         >>> mix = packstone.Mix("A16", 0.2, d_min_mm=4)
-        >>> study = packstone.study(template={"specimen": packstone.Box(40), "mix": mix}, replicates=2, seed=1, keep=True)
+        >>> study = packstone.study(template={"specimen": 40, "mix": mix}, replicates=2, seed=1, keep=True)
         >>> packstone.load(study.save("two")).packings[0, 1]
         <Packing of 44 grains: ...>
         """
@@ -168,10 +173,10 @@ class LocalStudy:
         directory = Path(directory)
         engine = next((kept.report["engine"] for kept in self.packings.values()), {"version": _native.__version__})
         _study_files.write(directory, engine, self._request, records, overwrite=overwrite)
-        self.to_csv(directory / "table.csv")
+        self.to_csv(directory / "table.csv", overwrite=overwrite)
         _files.write(directory / "table.json", self._native.table(self._ended(), "json").encode())
         for (point, replicate), packing in self.packings.items():
-            packing.save(directory / "results" / f"{point}-{replicate}.json")
+            packing.save(directory / "results" / f"{point}-{replicate}.json", overwrite=overwrite)
         return directory
 
     @property
@@ -234,17 +239,20 @@ class LocalStudy:
         *,
         labels: Labels | None = None,
         names: Mapping[str, str] | None = None,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> list[Path]:
         """Saves the packings that the study has kept, and returns the paths, see :meth:`Study.save_all`."""
         if not self._keep:
             raise ValueError("the study has kept no packings: call study(..., keep=True)")
-        check_format(format)
+        file_of(format, options)
         columns, rows = self._rows(labels, names)
         rows = [row for row in rows if (row["point"], row["replicate"]) in self.packings]
         paths = _tables.paths(Path(directory), rows, columns, name, format)
+        for path in paths:
+            _files.refuse_existing(path, overwrite)
         for row, path in zip(rows, paths, strict=True):
-            self.packings[row["point"], row["replicate"]].save(path, format, **options)
+            self.packings[row["point"], row["replicate"]].save(path, format, overwrite=overwrite, **options)
         return paths
 
     def plot(
@@ -256,20 +264,22 @@ class LocalStudy:
         log_x: bool | None = None,
         title: bool = True,
         theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """Returns a plot of the table, and saves it if there is a `path`, see :meth:`Study.plot`."""
         with refusals():
             svg = Svg(self._native.plot(kind, self._ended(), x=x, log_x=log_x, title=title, theme=theme))
         if path is not None:
-            svg.save(path)
+            svg.save(path, overwrite=overwrite)
         return svg
 
-    def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Writes the table as CSV, as a service and the command line do, and returns the path."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self._native.table(self._ended(), "csv"))
-        return path
+    def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Writes the table as CSV, as a service and the command line do, and returns the path.
+
+        Raises `FileExistsError` if the file exists, unless `overwrite`.
+        """
+        _files.refuse_existing(path, overwrite)
+        return _files.write(path, self._native.table(self._ended(), "csv").encode())
 
     def _run(self, runner: Runner) -> Iterator[int]:
         """Executes the runs; yields the number of those that have ended or are called off, after each."""

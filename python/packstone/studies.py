@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _html, _tables, _warnings
+from . import _files, _html, _tables, _warnings
 from ._columns import Labels
 from ._listing import pages
 from ._progress import Progress
@@ -17,12 +17,15 @@ from ._remote import Remote
 from ._resource import Resource
 from ._transport import document
 from .jobs import Job, State
-from .packings import FileFormat, Packing, check_format
+from ._sources import FileFormat, Theme, file_of
+from .packings import Packing
 from .svg import Svg
 
 if TYPE_CHECKING:
     import pandas as pd
     from typing_extensions import TypedDict, Unpack
+
+    from .options import FileOptions
 
     class StudyChanges(TypedDict, total=False):
         """What :meth:`Study.update` changes."""
@@ -150,7 +153,8 @@ class Study(Resource):
         names: Mapping[str, str] | None = None,
         parallel: int = 4,
         progress: bool = False,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> list[Path]:
         """Saves the packings of all jobs that have succeeded, and returns the paths, oldest job first.
 
@@ -158,17 +162,19 @@ class Study(Resource):
         :meth:`runs`; the default names the values of the point and the seed. Characters that do not belong into
         file names become underscores. Two jobs of the same name are an error, before anything is saved.
         Missing folders are created, `parallel` files are fetched at the same time, and `options` are those
-        of :meth:`Packing.save`.
+        of :meth:`Packing.save`. Files that exist are an error before anything is saved, unless `overwrite`.
         """
-        check_format(format)
+        file_of(format, options)
         columns, rows = self._runs(labels, names)
         rows = [row for row in rows if row["state"] == "succeeded"]
         paths = _tables.paths(Path(directory), rows, columns, name, format)
+        for path in paths:
+            _files.refuse_existing(path, overwrite)
         jobs = [f"/v1/jobs/{row['id']}" for row in rows]
         Path(directory).mkdir(parents=True, exist_ok=True)
 
         def save(job: str, path: Path) -> Path:
-            return Packing(Remote(self._transport, job, path.stem)).save(path, format, **options)
+            return Packing(Remote(self._transport, job, path.stem)).save(path, format, overwrite=overwrite, **options)
 
         saved: list[Path] = []
         bar = Progress(f"saving {self._title}") if progress else None
@@ -186,7 +192,9 @@ class Study(Resource):
         *,
         x: str | None = None,
         log_x: bool | None = None,
-        **options: Any,
+        title: bool = True,
+        theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """Returns a plot of the table, and saves it if there is a `path`.
 
@@ -199,12 +207,12 @@ class Study(Resource):
         response = self._transport.request(
             "GET",
             f"{self.path}/plots/{kind}",
-            params={"x": x, "log_x": log_x, **options},
+            params={"x": x, "log_x": log_x, "title": title, "theme": theme},
             headers={"accept": "image/svg+xml"},
         )
         svg = Svg(response.text)
         if path is not None:
-            svg.save(path)
+            svg.save(path, overwrite=overwrite)
         return svg
 
     def update(self, *, if_unchanged: bool = False, **changes: Unpack[StudyChanges]) -> Study:

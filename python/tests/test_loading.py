@@ -16,9 +16,9 @@ import pyvista
 from live_server import binary
 
 import packstone
+from packstone._sources import FileFormat
 from packstone._tabular import ELLIPSOIDS, MIXED, POLYHEDRA
 from packstone.local import Local
-from packstone.packings import FileFormat
 
 MATERIALS = {
     "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2},
@@ -196,7 +196,9 @@ def test_the_folder_of_a_study(tmp_path: Path) -> None:
     assert study.plot("success").startswith("<svg")
     with (tmp_path / "runs/runs.jsonl").open("r+b") as log:
         log.seek(60)
-        log.write(b"9")
+        byte = log.read(1)[0]
+        log.seek(60)
+        log.write(bytes([byte ^ 1]))
     with pytest.raises(ValueError, match="runs.jsonl is damaged: line 1 does not have its sum"):
         packstone.load(tmp_path / "runs")
 
