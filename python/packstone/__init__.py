@@ -19,20 +19,7 @@ from ._conversions import Neighbours
 from ._grain_arrays import Grain
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
 from .blends import Blend, BlendedSieve
-from .builders import (
-    Addition,
-    Aggregate,
-    Box,
-    Cylinder,
-    Distance,
-    Method,
-    Mix,
-    Proportions,
-    Ratios,
-    Segregation,
-    Shape,
-    Specimen,
-)
+from .builders import Box, Cylinder, Distance, Method, Segregation, Specimen
 from .client import Client
 from .completion import as_completed
 from .errors import (
@@ -51,8 +38,10 @@ from .jobs import Job
 from .loading import load
 from .local import pack, plan
 from .local_studies import LocalStudy, study
+from .mixes import Addition, Aggregate, Mix, Proportions
 from .packings import Packing
 from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
+from .shapes import Ratios, Shape
 from .studies import Study, steps
 from .svg import Svg
 from .view import View

@@ -165,6 +165,8 @@ class Conversions(GrainArrays):
             ``diameter_mm``, or the cell data ``diameter_mm`` where grains are polyhedra.
             ``voxels``: the labels of :meth:`voxels`, with `cells` along the longest edge, as the cell data of an image.
             ``mesh``: the surface mesh of the specimen and its grains, as :meth:`to_meshio` with its options.
+        **options
+            `resolution`, `cells`, or the options of the mesh, as the kind has them.
 
         Examples
         --------

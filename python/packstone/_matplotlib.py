@@ -69,7 +69,7 @@ def section(packing: Packing, ax: Axes) -> None:
 def distance(packing: Packing, ax: Axes) -> None:
     """The distance of grown grains against the time of the run."""
     curve: list[Any] = list(packing.report.get("growth_curve", []))
-    points = [(point["packing_time_s"], point["distance_mm"]) for point in curve if point.get("distance_mm") is not None]
+    points = [(point["packing_time_s"], point["distance_mm"]) for point in curve if point["distance_mm"] is not None]
     if not points:
         raise invalid("kind", "the packing has no 'distance': its grains did not grow to a constant distance")
     times, distances = zip(*points, strict=True)

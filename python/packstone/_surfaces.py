@@ -35,7 +35,7 @@ def spheres(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
 
 
 def ellipsoids(grains: NDArray[np.float64], columns: Sequence[str], resolution: int) -> pyvista.PolyData:
-    """The surfaces of ellipsoids as images of a sphere of diameter 1; `columns` are the names of those of the grains."""
+    """The surfaces of ellipsoids as images of a sphere of diameter 1; `columns` names the columns of the grains."""
     import pyvista
 
     def of(*names: str) -> NDArray[np.float64]:

@@ -44,7 +44,7 @@ def columns_of(grains: NDArray[np.float64]) -> tuple[str, ...] | None:
 
 
 def _has_templates(grains: NDArray[np.float64]) -> bool:
-    """Whether the column behind the semi-axes is that of templates: ellipsoids have -1 there, polyhedra no semi-axes."""
+    """Whether the last column is that of templates: ellipsoids have -1 there, and polyhedra have no semi-axes."""
     return bool((grains[:, -1] < 0).any() or (grains[:, ELLIPSOIDS.index("a_mm")] == 0).any())
 
 

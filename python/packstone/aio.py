@@ -559,7 +559,18 @@ class AsyncStudy(_AsyncChanging[Study]):
 
 
 class AsyncClient:
-    """See :class:`Client`. At most `polls` jobs are waited for at the same time; others have their turn later."""
+    """See :class:`Client`. At most `polls` jobs are waited for at the same time; others have their turn later.
+
+    Examples
+    --------
+    >>> import asyncio
+    >>> async def grains():
+    ...     async with packstone.AsyncClient(client.url) as lab:
+    ...         packing = await lab.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+    ...         return await packing.grains()
+    >>> asyncio.run(grains()).shape
+    (45, 4)
+    """
 
     def __init__(
         self,

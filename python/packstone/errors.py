@@ -44,7 +44,16 @@ class PackstoneWarning(UserWarning):
 
 
 class PackstoneError(Exception):
-    """A refused request, or the failure of a packing, a job or an export."""
+    """A refused request, or the failure of a packing, a job or an export.
+
+    Examples
+    --------
+    >>> try:
+    ...     packstone.plan(specimen=(40, -1, 40), mix=packstone.Mix("A16", 0.5))
+    ... except packstone.PackstoneError as error:
+    ...     print(error.kind, [fault.place for fault in error.errors])
+    validation-error ['specimen.size_mm[1]']
+    """
 
     problem: Mapping[str, Any]
     """The problem document; empty if there is none. Some kinds have additional members."""
@@ -80,7 +89,14 @@ class PackstoneError(Exception):
 
 
 class InvalidRequest(PackstoneError, ValueError):
-    """An argument or a field of a request is refused; :attr:`errors` has the place and the bound of each fault."""
+    """An argument or a field of a request is refused; :attr:`errors` has the place and the bound of each fault.
+
+    Examples
+    --------
+    >>> packstone.plan(specimen=40, mix=packstone.Mix("A16", 0.5, d_min_mm=-1))
+    Traceback (most recent call last):
+    packstone.errors.InvalidRequest: Invalid argument: mix.d_min_mm: -1 is out of range: ...
+    """
 
 
 class ConnectionFailed(PackstoneError):
@@ -99,6 +115,15 @@ class TargetNotReached(PackstoneError):
     """The method stopped before all grains had their position, size and distance (``target-not-reached``).
 
     This says something about the mix; it is not a fault of the request. ``problem`` has the figures reached.
+
+    Examples
+    --------
+    >>> mix = packstone.Mix(packstone.Grading.monodisperse(1), 0.5)
+    >>> try:
+    ...     packstone.pack(specimen=packstone.Box(12, boundary="periodic"), mix=mix, method="rsa", seed=1)
+    ... except packstone.TargetNotReached as error:
+    ...     print(round(error.volume_fraction_asked, 2), error.volume_fraction_reached < 0.4)
+    0.5 True
     """
 
     @property

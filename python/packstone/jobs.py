@@ -41,7 +41,16 @@ FinishedState = Literal["succeeded", "failed", "cancelled"]
 
 
 class Job(JobExports):
-    """A packing job as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again."""
+    """A packing job as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again.
+
+    Examples
+    --------
+    >>> job = client.submit(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+    >>> len(job.result())
+    45
+    >>> job.export("mesh", segments=8).wait().state
+    'succeeded'
+    """
 
     @property
     def state(self) -> State:
@@ -80,9 +89,23 @@ class Job(JobExports):
     def result(self, timeout: float | None = None, progress: bool = False) -> Packing:
         """Waits for the packing and returns it: also a partial one, which :attr:`Packing.partial` tells.
 
-        Raises :class:`TargetNotReached` if the method could not reach the target, :class:`JobCancelled` if the
-        job was cancelled, :class:`PackstoneError` if it failed in another way, and :class:`WaitTimeout` after
-        `timeout` in s.
+        Parameters
+        ----------
+        timeout
+            Longest wait in s; the job goes on after it.
+        progress
+            Whether a bar is shown.
+
+        Raises
+        ------
+        TargetNotReached
+            If the method could not reach the target.
+        JobCancelled
+            If the job was cancelled.
+        WaitTimeout
+            After `timeout`.
+        PackstoneError
+            If the job failed in another way.
         """
         self.wait(timeout, progress)
         if self.succeeded:

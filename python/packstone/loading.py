@@ -59,7 +59,7 @@ def load(path: str | PathLike[str]) -> Any:
     >>> packing = packstone.pack(specimen=packstone.Box(40), mix=packstone.Mix("A16", 0.3, d_min_mm=4), seed=1)
     >>> saved = packing.save("packings/a16.json")
     >>> again = packstone.load("packings/a16.json")
-    >>> (again.grains == packing.grains).all()
+    >>> bool((again.grains == packing.grains).all())
     True
     """
     path = Path(path)

@@ -53,15 +53,48 @@ def study(
 ) -> LocalStudy:
     """Runs a study from this process and returns its table: the same packings as a service makes of the same study.
 
-    The study is a mapping as :meth:`Client.study` takes it, its fields as arguments, or both. The runs are executed by
-    `workers` threads of this process, as many as there are cores if it is not given; packings run without Python's
-    lock. With an `executor` they are executed there: an executor of ``concurrent.futures``, a
-    ``dask.distributed.Client``, or the module ``ray`` after ``ray.init()``. `workers` then says how many runs it has
-    room for, if it does not tell.
+    Ctrl-C ends the study; its runs of this process end at once. What is doubtful about the points is issued as
+    :class:`PackstoneWarning`.
 
-    With `keep` the packings are kept in :attr:`LocalStudy.packings`; else only their figures are. ``progress=True``
-    shows a bar; a function is called with the study after each run. Ctrl-C ends the study; its runs of this process
-    end at once. What is doubtful about the points is issued as :class:`PackstoneWarning`.
+    Parameters
+    ----------
+    study
+        A study as :meth:`Client.study` takes it.
+    template
+        The job of which each point is a variant.
+    grid
+        JSON pointers into the template with their values; each combination is a point.
+    zip
+        The same, whose values vary together.
+    list
+        In place of a template: the jobs of all points.
+    replicates
+        The number of runs of each point.
+    stop_when
+        A rule that ends a point, as ``{"failed_in_a_row": 3}``.
+    seed
+        The seed from which those of the runs follow.
+    name
+        A name for people.
+    executor
+        Where the runs are executed: an executor of ``concurrent.futures``, a ``dask.distributed.Client``, or the module
+        ``ray`` after ``ray.init()``. Without it, in threads of this process; packings run without Python's lock.
+    workers
+        The number of threads, that of the cores if it is not given; for how many runs the executor has room, if it does
+        not tell.
+    keep
+        Whether :attr:`LocalStudy.packings` keeps the packings, not only their figures.
+    progress
+        ``True`` shows a bar; a function is called with the study after each run.
+
+    Examples
+    --------
+    >>> job = {"specimen": 40, "mix": packstone.Mix("A16", 0.2, d_min_mm=4), "distance": 0.2}
+    >>> study = packstone.study(template=job, grid={"/mix/volume_fraction": [0.2, 0.3]}, replicates=3, seed=1)
+    >>> study
+    <LocalStudy 1: 6 of 6 runs>
+    >>> [row["success_rate"] for row in study.table()]
+    [1.0, 1.0]
     """
     body = study_body(
         study,
@@ -163,7 +196,7 @@ class LocalStudy:
         >>> mix = packstone.Mix("A16", 0.2, d_min_mm=4)
         >>> study = packstone.study(template={"specimen": 40, "mix": mix}, replicates=2, seed=1, keep=True)
         >>> packstone.load(study.save("two")).packings[0, 1]
-        <Packing of 44 grains: ...>
+        <Packing of 46 grains: ...>
         """
         seeds = {(run["point"], run["replicate"]): run["request"]["seed"] for run in self._runs}
         records = [
@@ -219,7 +252,8 @@ class LocalStudy:
         """Returns one row per run that ended: its point, replicate, seed, values, outcome, time in s and figures.
 
         The outcome is ``succeeded``, ``partial`` (ended before its target, and kept), ``target_not_reached``, or
-        ``void`` for a run that does not count; ``error`` is the kind of the problem. `labels` and `names` are those of :meth:`to_dataframe`.
+        ``void`` for a run that does not count; ``error`` is the kind of the problem.
+        `labels` and `names` are those of :meth:`to_dataframe`.
         """
         return self._rows(labels, names)[1]
 

@@ -49,8 +49,8 @@ class Packing(Conversions, PackingExports):
     >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.3, d_min_mm=4), distance=0.2, seed=1)
     >>> packing
     <Packing of 68 grains: box of 40 x 40 x 40 mm, volume fraction 0.1922, distance 0.2 mm, seed 1>
-    >>> packing.positions.shape, round(packing.diameters.max(), 1)
-    ((68, 3), 15.8)
+    >>> packing.positions.shape, packing.diameters[:2].round(1).tolist()
+    ((68, 3), [15.8, 13.2])
     >>> sum(grain.diameter > 8 for grain in packing)
     12
     """
@@ -132,7 +132,7 @@ class Packing(Conversions, PackingExports):
         format
             That of the suffix if it is not named: the grains as ``json`` (with everything that is known of them),
             ``csv``, ``npy``, ``vtp``, ``vtk`` or ``view``; ``html``, a page with a viewer; or the export that the
-            suffix names: ``msh``, ``vti``, ``raw``, ``inp`` (voxels), ``svg`` or ``png``. :meth:`export` makes every export.
+            suffix names: ``msh``, ``vti``, ``raw``, ``inp`` (voxels), ``svg`` or ``png``. :meth:`export` makes all.
         timeout
             Longest wait in s for a server, which makes exports when they are first needed.
         overwrite

@@ -89,7 +89,7 @@ def test_arrays_of_ellipsoids(ellipsoids: packstone.Packing) -> None:
     assert (ellipsoids.sieve_sizes > 2 * c).all() and (ellipsoids.sieve_sizes <= 2 * b + 1e-9).all()
     matrices = ellipsoids.orientations.as_matrix()
     # The extent along z of an ellipsoid with these axes and this orientation: all lie in the box.
-    reach = np.sqrt(np.einsum("ni,ni->n", (matrices[:, 2, :] * ellipsoids.semi_axes), matrices[:, 2, :] * ellipsoids.semi_axes))
+    reach = np.linalg.norm(matrices[:, 2, :] * ellipsoids.semi_axes, axis=1)
     z = ellipsoids.positions[:, 2]
     assert (z - reach > 0).all() and (z + reach < 40).all()
 
@@ -191,7 +191,7 @@ def test_no_pickle_holds_the_key(client: packstone.Client, server: LiveServer, m
             pickled = pickle.dumps(thing)
             assert KEY.encode() not in pickled and b"Bearer" not in pickled, thing
         copy = pickle.loads(pickle.dumps(job))
-    with pytest.raises(ValueError, match="a pickle does not hold the API key: set PACKSTONE_API_KEY where it is loaded"):
+    with pytest.raises(ValueError, match="a pickle does not hold the API key: set PACKSTONE_API_KEY where it is load"):
         copy.refresh()
     monkeypatch.setitem(os.environ, "PACKSTONE_API_KEY", KEY)
     assert pickle.loads(pickle.dumps(copy)).refresh().succeeded
@@ -209,7 +209,9 @@ def test_a_saved_notebook_keeps_a_picture(spheres: packstone.Packing, monkeypatc
     assert "data:image/png;base64," in html
 
 
-def test_files_are_replaced_on_request_alone(spheres: packstone.Packing, client: packstone.Client, tmp_path: Path) -> None:
+def test_files_are_replaced_on_request_alone(
+    spheres: packstone.Packing, client: packstone.Client, tmp_path: Path
+) -> None:
     job = client.submit(mixes.quick()).wait()
     export = job.export("slice", format="svg").wait()
     study = packstone.study(template=mixes.without(mixes.quick(), "seed"), seed=1, keep=True)

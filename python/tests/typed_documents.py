@@ -31,7 +31,10 @@ if TYPE_CHECKING:
 '''
 # The documents of each module.
 MODULES = {
-    "results.py": ("What is known about packings, plans and studies.", ["Report", "EngineInfo", "JobPlan", "StudyTable"]),
+    "results.py": (
+        "What is known about packings, plans and studies.",
+        ["Report", "EngineInfo", "JobPlan", "StudyTable"],
+    ),
     "reports.py": ("The figures of exports.", ["ExportReport"]),
 }
 # Requests are plain dictionaries, in any form that a request may have.
