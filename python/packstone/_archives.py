@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import io
 import json
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zipfile import BadZipFile, ZipFile
 
 from ._numpy import np
 from ._optional import needed
 
 if TYPE_CHECKING:
+    from zipfile import ZipFile
+
     import pyvista
     from numpy.typing import NDArray
 
@@ -47,6 +47,8 @@ class Lattice:
 
 def read(path: Path) -> Any:
     """Returns what an archive holds: a :class:`Lattice`, or the surfaces of each phase by its name."""
+    from zipfile import BadZipFile, ZipFile
+
     try:
         with ZipFile(path) as archive:
             names = archive.namelist()
@@ -68,6 +70,8 @@ def read(path: Path) -> Any:
 
 
 def _surfaces(archive: ZipFile) -> dict[str, pyvista.PolyData]:
+    import tempfile
+
     with needed("pyvista", "the surfaces of an archive"):
         import pyvista
     surfaces = {}

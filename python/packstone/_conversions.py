@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import io
 import json
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, overload
-from zipfile import ZipFile
 
-from . import _surfaces
 from ._grain_arrays import GrainArrays
 from ._numpy import np
 from ._optional import needed
@@ -176,6 +173,8 @@ class Conversions(GrainArrays):
         >>> packing.to_pyvista("voxels", cells=20).dimensions
         (21, 21, 21)
         """
+        from . import _surfaces
+
         if kind not in get_args(PyVistaKind):
             raise invalid("kind", f"{kind!r} is unknown: must be one of {', '.join(get_args(PyVistaKind))}")
         with needed("pyvista", "to_pyvista()", "packstone[pyvista]"):
@@ -214,6 +213,8 @@ class Conversions(GrainArrays):
         """
         with needed("trimesh", "to_trimesh()", "packstone[trimesh]"):
             import trimesh
+        from zipfile import ZipFile
+
         content = self._source.read(File("stl", "mesh", options), timeout)
         with ZipFile(io.BytesIO(content)) as archive, archive.open("aggregates.stl") as surfaces:
             loaded = trimesh.load_mesh(io.BytesIO(surfaces.read()), file_type="stl")
@@ -241,6 +242,8 @@ class Conversions(GrainArrays):
         >>> "aggregates" in packing.to_meshio(segments=8).cell_sets
         True
         """
+        import tempfile
+
         with needed("meshio", "to_meshio()", "packstone[meshio]"):
             import meshio
         with tempfile.TemporaryDirectory() as folder:

@@ -37,7 +37,7 @@ from .options import Axis, SliceFormat
 from .jobs import FinishedState, Job, State
 from ._sources import FileFormat, PackingPlotKind, Theme
 from ._conversions import Neighbours, PyVistaKind
-from .packings import Packing, PackingReport
+from .packings import Packing
 from .studies import Study, StudyPlotKind, StudyState
 from .svg import Svg
 from .view import View
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from .jobs import JobChanges
     from .jupyter import Viewer
     from .options import FileOptions, SurfaceOptions
+    from .packings import PackingReport
     from .reports import QualityReport
     from .results import CheckReport, JobPlan, Partial, Summary
     from .studies import StudyChanges

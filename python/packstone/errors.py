@@ -6,7 +6,6 @@ process refuses with the same. Each becomes a :class:`PackstoneError`.
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -185,6 +184,8 @@ def invalid(argument: str, detail: str) -> InvalidRequest:
 
 def near(name: str, known: Iterable[str]) -> str:
     """A question that ends a message, if a known name is near to a name."""
+    import difflib
+
     found = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {found[0]}?" if found else ""
 

@@ -15,7 +15,6 @@ from ._exporting import PackingExports
 from ._sources import File, FileFormat, PackingPlotKind, Theme, file_of
 from .builders import Box, Cylinder, Specimen
 from .errors import PackstoneError
-from .results import EngineInfo, Report
 from .svg import Svg
 from .view import View
 
@@ -26,14 +25,13 @@ if TYPE_CHECKING:
     from .jupyter import Viewer
     from .options import FileOptions
     from .reports import QualityReport
-    from .results import CheckReport, Partial, Summary
+    from .results import CheckReport, EngineInfo, Partial, Report, Summary
 
+    class PackingReport(Report):
+        """Everything that is known about a packing but its grains and its request."""
 
-class PackingReport(Report):
-    """Everything that is known about a packing but its grains and its request."""
-
-    engine: EngineInfo
-    job_id: NotRequired[str]
+        engine: EngineInfo
+        job_id: NotRequired[str]
 
 
 class Packing(Conversions, PackingExports):
