@@ -14,27 +14,18 @@ raised as :class:`PackstoneError`.
 """
 
 from ._native import __version__ as __version__
+from ._archives import Lattice
+from ._conversions import Neighbours
+from ._grain_arrays import Grain
 from .aio import AsyncClient, AsyncExport, AsyncJob, AsyncPacking, AsyncStudy
 from .blends import Blend, BlendedSieve
-from .builders import (
-    Addition,
-    Aggregate,
-    Box,
-    Cylinder,
-    Distance,
-    Method,
-    Mix,
-    Proportions,
-    Ratios,
-    Segregation,
-    Shape,
-    Specimen,
-)
+from .builders import Box, Cylinder, Distance, Method, Segregation, Specimen
 from .client import Client
 from .completion import as_completed
 from .errors import (
     ConnectionFailed,
     Fault,
+    InvalidRequest,
     JobCancelled,
     PackstoneError,
     PackstoneWarning,
@@ -44,10 +35,13 @@ from .errors import (
 from .exports import Export
 from .gradings import Grading
 from .jobs import Job
-from .local import forecast, pack
+from .loading import load
+from .local import pack, plan
 from .local_studies import LocalStudy, study
+from .mixes import Addition, Aggregate, Mix, Proportions
 from .packings import Packing
 from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
+from .shapes import Ratios, Shape
 from .studies import Study, steps
 from .svg import Svg
 from .view import View
@@ -70,8 +64,11 @@ __all__ = [
     "Export",
     "Fault",
     "Grading",
+    "Grain",
+    "InvalidRequest",
     "Job",
     "JobCancelled",
+    "Lattice",
     "LocalStudy",
     "Method",
     "Mix",
@@ -82,6 +79,7 @@ __all__ = [
     "MixPart",
     "MixReading",
     "MixRecipe",
+    "Neighbours",
     "Packing",
     "PackstoneError",
     "PackstoneWarning",
@@ -96,7 +94,8 @@ __all__ = [
     "View",
     "WaitTimeout",
     "as_completed",
-    "forecast",
+    "plan",
+    "load",
     "pack",
     "steps",
     "study",

@@ -56,6 +56,12 @@ def write_companion(path: Path, type: str, options: Mapping[str, Any]) -> None:
         write(path.with_name(f"{path.name}.{ending}"), text.encode())
 
 
+def refuse_existing(path: str | PathLike[str], overwrite: bool) -> None:
+    """Raises a `FileExistsError` if there is such a file and it is not to be replaced."""
+    if not overwrite and Path(path).exists():
+        raise FileExistsError(f"{path} exists: choose another name, or pass overwrite=True")
+
+
 def write(path: str | PathLike[str], content: bytes) -> Path:
     """Writes a file and returns its path. Missing folders are created."""
     with replacing(path) as part:

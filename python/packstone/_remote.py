@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from . import _files
 from ._requests import parameters
+from ._stored import stored
 from ._transport import Transport, document
-from .exports import Export, ExportType
+from .exports import Export
+from .options import ExportType
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from .packings import File, PackingPlotKind, Theme
+    from ._sources import File, PackingPlotKind, Theme
+    from .local import Local
 
 
 class Remote:
@@ -26,10 +30,25 @@ class Remote:
         self._transport = transport
         self._job_path = job_path
         self.title = title
+        self._report: dict[str, Any] | None = None
+
+    def count(self) -> int:
+        """The number of grains."""
+        return int(self.report()["summary"]["grains"])
+
+    def in_memory(self) -> Local:
+        """The packing as this process would have made it: it is fetched with its grains."""
+        from . import _native
+        from .local import Local
+
+        result = json.loads(self._download(f"{self._job_path}/result", {"format": "json"}))
+        return Local(_native.Packing.restore(stored(result)))
 
     def report(self) -> dict[str, Any]:
         """The result without its grains."""
-        return document(self._transport.request("GET", f"{self._job_path}/result/summary"))
+        if self._report is None:
+            self._report = document(self._transport.request("GET", f"{self._job_path}/result/summary"))
+        return self._report
 
     def request(self) -> dict[str, Any]:
         """The request of the job."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
+from ._numpy import np
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,7 +35,7 @@ def spheres(grains: NDArray[np.float64], resolution: int) -> pyvista.PolyData:
 
 
 def ellipsoids(grains: NDArray[np.float64], columns: Sequence[str], resolution: int) -> pyvista.PolyData:
-    """The surfaces of ellipsoids as images of a sphere of diameter 1; `columns` are the names of those of the grains."""
+    """The surfaces of ellipsoids as images of a sphere of diameter 1; `columns` names the columns of the grains."""
     import pyvista
 
     def of(*names: str) -> NDArray[np.float64]:
@@ -68,13 +68,23 @@ def polyhedra(vtp: bytes) -> pyvista.PolyData:
     """The surfaces of a packing with polyhedra, of its file in the format ``vtp``."""
     import pyvista
 
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "grains.vtp"
-        file.write_bytes(vtp)
-        surfaces: pyvista.PolyData = pyvista.PolyData(str(file))
+    surfaces = read_vtk(vtp, "grains.vtp")
+    assert isinstance(surfaces, pyvista.PolyData)
     surfaces.cell_data["diameter_mm"] = surfaces.cell_data.pop("diameter")
     surfaces.set_active_scalars("diameter_mm", preference="cell")
     return surfaces
+
+
+def read_vtk(content: bytes, name: str) -> pyvista.DataSet:
+    """The data of a file of VTK, whose `name` ends as its form does."""
+    import pyvista
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / name
+        file.write_bytes(content)
+        read = pyvista.read(file)
+    assert isinstance(read, pyvista.DataSet)
+    return read
 
 
 def _sphere(resolution: int) -> pyvista.PolyData:

@@ -35,7 +35,9 @@ def of_points(
 def paths(
     directory: Path, rows: list[dict[str, Any]], columns: list[str], pattern: str | None, format: str
 ) -> list[Path]:
-    """Returns the path of each run: `pattern` has its columns as fields; the default has those of its point, and the seed.
+    """Returns the path of each run.
+
+    `pattern` has the columns of the run as fields; the default has those of its point, and the seed.
 
     Raises a `ValueError` if two runs have the same path.
     """

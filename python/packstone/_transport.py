@@ -28,6 +28,8 @@ logger = logging.getLogger("packstone")
 T = TypeVar("T")
 Params = Mapping[str, str | int | float | bool | Sequence[str] | None]
 
+# The environment variable of the API key.
+KEY_VARIABLE = "PACKSTONE_API_KEY"
 CONNECT_TIMEOUT_S = 10.0
 FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 5.0
@@ -46,7 +48,8 @@ SHORTEST_PAUSE_S = 0.1
 class Transport:
     """Sends requests, repeats them where that is safe, and raises what the server refuses.
 
-    A transport can be pickled: the copy opens connections of its own. The pickle contains the API key.
+    A transport can be pickled: the copy opens connections of its own. The pickle does not contain the API key, which
+    the copy takes from ``PACKSTONE_API_KEY``.
     """
 
     def __init__(self, url: str, api_key: str | None, *, agent: str, timeout_s: float, retry_s: float) -> None:
@@ -59,10 +62,14 @@ class Transport:
         self._timeout_s = timeout_s
         self._retry_s = retry_s
         self._headers = {"user-agent": agent, "accept": "application/json"}
-        if api_key:
-            self._headers["authorization"] = f"Bearer {api_key.strip()}"
+        self._set_key(api_key)
+        self._lacks_key = False
         self._closed = False
         self._forget_connections()
+
+    def _set_key(self, api_key: str | None) -> None:
+        if api_key:
+            self._headers["authorization"] = f"Bearer {api_key.strip()}"
 
     def _forget_connections(self) -> None:
         self._lock = threading.Lock()
@@ -70,11 +77,16 @@ class Transport:
         self._process = os.getpid()
 
     def __getstate__(self) -> dict[str, Any]:
-        own = ("_lock", "_open", "_process")
-        return {name: value for name, value in vars(self).items() if name not in own}
+        own = ("_lock", "_open", "_process", "_headers")
+        state = {name: value for name, value in vars(self).items() if name not in own}
+        headers = {name: value for name, value in self._headers.items() if name != "authorization"}
+        return {**state, "_headers": headers, "_had_key": self._lacks_key or self.has_key}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        had_key = state.pop("_had_key")
         vars(self).update(state)
+        self._set_key(os.environ.get(KEY_VARIABLE) if had_key else None)
+        self._lacks_key = had_key and not self.has_key
         self._forget_connections()
 
     def __del__(self) -> None:
@@ -92,6 +104,8 @@ class Transport:
         with self._lock:
             if self._closed:
                 raise RuntimeError(f"the client of {self.url} is closed")
+            if self._lacks_key:
+                raise ValueError(f"a pickle does not hold the API key: set {KEY_VARIABLE} where it is loaded")
             if self._open is None:
                 self._open = httpx.Client(base_url=self.url, headers=self._headers)
             return self._open

@@ -3,7 +3,7 @@
     async with packstone.AsyncClient() as client:
         jobs = [await client.submit(mix, seed=seed) for seed in range(20)]
         async for job in client.as_completed(jobs):
-            grains = await (await job.result()).to_numpy()
+            grains = await (await job.result()).grains()
 
 The classes have the methods of :class:`Client`, :class:`Job`, :class:`Study`, :class:`Export` and
 :class:`Packing` as coroutines. Each call runs the synchronous client in a thread of the asynchronous client, so that
@@ -22,18 +22,22 @@ from os import PathLike
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from . import _warnings
+from ._async_exporting import AsyncJobExports, AsyncPackingExports
 from ._columns import Labels
 from ._listing import ITEMS_PER_PAGE
 from ._progress import Progress
 from ._resource import NEWS_EVERY_S, PAUSE_S, Changing
 from .client import Client, JobOrder
 from .errors import WaitTimeout
-from .exports import Axis, Export, ExportFormat, ExportState, ExportType, SliceFormat
+from .exports import Export, ExportState
+from .options import Axis, SliceFormat
 from .jobs import FinishedState, Job, State
-from .packings import FileFormat, Packing, PackingPlotKind, Theme
+from ._sources import FileFormat, PackingPlotKind, Theme
+from ._conversions import Neighbours, PyVistaKind
+from .packings import Packing
 from .studies import Study, StudyPlotKind, StudyState
 from .svg import Svg
 from .view import View
@@ -42,13 +46,17 @@ if TYPE_CHECKING:
     import meshio
     import numpy as np
     import pandas as pd
-    import pyvista
+    import trimesh
     from numpy.typing import NDArray
     from typing_extensions import Self, Unpack
 
     from .builders import JobFields
     from .jobs import JobChanges
     from .jupyter import Viewer
+    from .options import FileOptions, SurfaceOptions
+    from .packings import PackingReport
+    from .reports import QualityReport
+    from .results import CheckReport, JobPlan, Partial, Summary
     from .studies import StudyChanges
 
 T = TypeVar("T")
@@ -199,10 +207,10 @@ class AsyncExport(_AsyncChanging[Export]):
         """Figures of the file; empty until it is made."""
         return self.sync.report
 
-    async def save(self, path: str | PathLike[str], timeout: float | None = None) -> Path:
+    async def save(self, path: str | PathLike[str], timeout: float | None = None, *, overwrite: bool = False) -> Path:
         """See :meth:`Export.save`."""
         await self.wait(timeout)
-        return await self._threads.call(partial(self.sync.save, path))
+        return await self._threads.call(partial(self.sync.save, path, overwrite=overwrite))
 
     async def read(self, timeout: float | None = None) -> bytes:
         """See :meth:`Export.read`."""
@@ -214,7 +222,7 @@ class AsyncExport(_AsyncChanging[Export]):
         await self._threads.call(self.sync.delete)
 
 
-class AsyncPacking:
+class AsyncPacking(AsyncPackingExports):
     """See :class:`Packing`."""
 
     def __init__(self, threads: _Threads, sync: Packing) -> None:
@@ -222,19 +230,19 @@ class AsyncPacking:
         self.sync = sync
         """The synchronous packing."""
 
-    async def report(self) -> dict[str, Any]:
+    async def report(self) -> PackingReport:
         """See :attr:`Packing.report`."""
         return await self._threads.call(lambda: self.sync.report)
 
-    async def summary(self) -> dict[str, Any]:
+    async def summary(self) -> Summary:
         """See :attr:`Packing.summary`."""
         return await self._threads.call(lambda: self.sync.summary)
 
-    async def partial(self) -> dict[str, Any] | None:
+    async def partial(self) -> Partial | None:
         """See :attr:`Packing.partial`."""
         return await self._threads.call(lambda: self.sync.partial)
 
-    async def check(self) -> dict[str, Any]:
+    async def check(self) -> CheckReport:
         """See :attr:`Packing.check`."""
         return await self._threads.call(lambda: self.sync.check)
 
@@ -258,10 +266,6 @@ class AsyncPacking:
         """See :attr:`Packing.diameters`."""
         return await self._threads.call(lambda: self.sync.diameters)
 
-    async def to_numpy(self) -> NDArray[np.float64]:
-        """See :meth:`Packing.to_numpy`."""
-        return await self._threads.call(self.sync.to_numpy)
-
     async def to_dataframe(self) -> pd.DataFrame:
         """See :meth:`Packing.to_dataframe`."""
         return await self._threads.call(self.sync.to_dataframe)
@@ -270,15 +274,45 @@ class AsyncPacking:
         """See :meth:`Packing.templates`."""
         return await self._threads.call(self.sync.templates)
 
-    async def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
+    async def to_pyvista(self, kind: PyVistaKind = "points", **options: Any) -> Any:
         """See :meth:`Packing.to_pyvista`."""
-        return await self._threads.call(partial(self.sync.to_pyvista, spheres=spheres, resolution=resolution))
+        convert: Callable[..., Any] = self.sync.to_pyvista
+        return await self._threads.call(partial(convert, kind, **options))
 
-    async def to_meshio(self) -> meshio.Mesh:
+    async def to_trimesh(
+        self, *, timeout: float | None = None, **options: Unpack[SurfaceOptions]
+    ) -> trimesh.Trimesh:
+        """See :meth:`Packing.to_trimesh`."""
+        return await self._threads.call(partial(self.sync.to_trimesh, timeout=timeout, **options))
+
+    async def to_meshio(self, *, timeout: float | None = None, **options: Unpack[SurfaceOptions]) -> meshio.Mesh:
         """See :meth:`Packing.to_meshio`."""
-        return await self._threads.call(self.sync.to_meshio)
+        return await self._threads.call(partial(self.sync.to_meshio, timeout=timeout, **options))
 
-    async def read(self, format: FileFormat, *, timeout: float | None = None, **options: Any) -> bytes:
+    async def voxels(
+        self,
+        cells: int | None = None,
+        *,
+        voxel_mm: float | None = None,
+        label: Literal["phase", "grain"] | None = None,
+        timeout: float | None = None,
+    ) -> NDArray[Any]:
+        """See :meth:`Packing.voxels`."""
+        return await self._threads.call(
+            partial(self.sync.voxels, cells, voxel_mm=voxel_mm, label=label, timeout=timeout)
+        )
+
+    async def neighbours(self, closer_than_mm: float | None = None, *, timeout: float | None = None) -> Neighbours:
+        """See :meth:`Packing.neighbours`."""
+        return await self._threads.call(partial(self.sync.neighbours, closer_than_mm, timeout=timeout))
+
+    async def in_memory(self) -> Packing:
+        """Returns the packing with its grains, without the server, with all properties of :class:`Packing`."""
+        return await self._threads.call(lambda: Packing(self.sync._source.in_memory()))
+
+    async def read(
+        self, format: FileFormat, *, timeout: float | None = None, **options: Unpack[FileOptions]
+    ) -> bytes:
         """See :meth:`Packing.read`."""
         return await self._threads.call(partial(self.sync.read, format, timeout=timeout, **options))
 
@@ -288,25 +322,14 @@ class AsyncPacking:
         format: FileFormat | None = None,
         *,
         timeout: float | None = None,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> Path:
         """See :meth:`Packing.save`."""
-        return await self._threads.call(partial(self.sync.save, path, format, timeout=timeout, **options))
+        save = partial(self.sync.save, path, format, timeout=timeout, overwrite=overwrite, **options)
+        return await self._threads.call(save)
 
-    async def export(
-        self,
-        type: ExportType,
-        path: str | PathLike[str],
-        *,
-        format: ExportFormat | None = None,
-        timeout: float | None = None,
-        **options: Any,
-    ) -> dict[str, Any]:
-        """See :meth:`Packing.export`."""
-        export = partial(self.sync.export, type, path, format=format, timeout=timeout, **options)
-        return await self._threads.call(export)
-
-    async def quality(self, *, timeout: float | None = None) -> dict[str, Any]:
+    async def quality(self, *, timeout: float | None = None) -> QualityReport:
         """See :meth:`Packing.quality`."""
         return await self._threads.call(partial(self.sync.quality, timeout=timeout))
 
@@ -317,9 +340,14 @@ class AsyncPacking:
         *,
         title: bool = True,
         theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """See :meth:`Packing.plot`."""
-        return await self._threads.call(partial(self.sync.plot, kind, path, title=title, theme=theme))
+
+        def plot() -> Svg:
+            return self.sync.plot(kind, path, title=title, theme=theme, overwrite=overwrite)
+
+        return await self._threads.call(plot)
 
     async def view(self, *, height_px: int = 640) -> View | Viewer:
         """See :meth:`Packing.view`."""
@@ -329,7 +357,7 @@ class AsyncPacking:
         return repr(self.sync).replace("<", "<Async", 1)
 
 
-class AsyncJob(_AsyncChanging[Job]):
+class AsyncJob(_AsyncChanging[Job], AsyncJobExports):
     """See :class:`Job`."""
 
     @property
@@ -371,13 +399,6 @@ class AsyncJob(_AsyncChanging[Job]):
         await self.wait(timeout, progress)
         return AsyncPacking(self._threads, self.sync.result())
 
-    async def export(
-        self, type: ExportType, /, *, format: ExportFormat | None = None, keep: bool = True, **options: Any
-    ) -> AsyncExport:
-        """See :meth:`Job.export`."""
-        export = partial(self.sync.export, type, format=format, keep=keep, **options)
-        return AsyncExport(self._threads, await self._threads.call(export))
-
     async def exports(self) -> AsyncIterator[AsyncExport]:
         """See :meth:`Job.exports`."""
         async for export in self._threads.each(self.sync.exports()):
@@ -390,12 +411,12 @@ class AsyncJob(_AsyncChanging[Job]):
         format: SliceFormat | None = None,
         axis: Axis | None = None,
         at_mm: float | None = None,
+        overwrite: bool = False,
         **options: Any,
     ) -> bytes:
         """See :meth:`Job.slice`."""
-        return await self._threads.call(
-            partial(self.sync.slice, path, format=format, axis=axis, at_mm=at_mm, **options)
-        )
+        cut = partial(self.sync.slice, path, format=format, axis=axis, at_mm=at_mm, overwrite=overwrite, **options)
+        return await self._threads.call(cut)
 
     async def plot(
         self,
@@ -404,9 +425,14 @@ class AsyncJob(_AsyncChanging[Job]):
         *,
         title: bool = True,
         theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """See :meth:`Job.plot`."""
-        return await self._threads.call(partial(self.sync.plot, kind, path, title=title, theme=theme))
+
+        def plot() -> Svg:
+            return self.sync.plot(kind, path, title=title, theme=theme, overwrite=overwrite)
+
+        return await self._threads.call(plot)
 
     async def update(self, *, if_unchanged: bool = False, **changes: Unpack[JobChanges]) -> AsyncJob:
         """See :meth:`Job.update`."""
@@ -491,17 +517,27 @@ class AsyncStudy(_AsyncChanging[Study]):
         names: Mapping[str, str] | None = None,
         parallel: int = 4,
         progress: bool = False,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> list[Path]:
         """See :meth:`Study.save_all`."""
         save = partial(self.sync.save_all, directory, format, name, labels=labels, names=names, **options)
-        return await self._threads.call(partial(save, parallel=parallel, progress=progress))
+        return await self._threads.call(partial(save, parallel=parallel, progress=progress, overwrite=overwrite))
 
     async def plot(
-        self, kind: StudyPlotKind, path: str | PathLike[str] | None = None, **options: Any
+        self,
+        kind: StudyPlotKind,
+        path: str | PathLike[str] | None = None,
+        *,
+        x: str | None = None,
+        log_x: bool | None = None,
+        title: bool = True,
+        theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """See :meth:`Study.plot`."""
-        return await self._threads.call(partial(self.sync.plot, kind, path, **options))
+        plot = partial(self.sync.plot, kind, path, x=x, log_x=log_x, title=title, theme=theme, overwrite=overwrite)
+        return await self._threads.call(plot)
 
     async def update(self, *, if_unchanged: bool = False, **changes: Unpack[StudyChanges]) -> AsyncStudy:
         """See :meth:`Study.update`."""
@@ -524,7 +560,18 @@ class AsyncStudy(_AsyncChanging[Study]):
 
 
 class AsyncClient:
-    """See :class:`Client`. At most `polls` jobs are waited for at the same time; others have their turn later."""
+    """See :class:`Client`. At most `polls` jobs are waited for at the same time; others have their turn later.
+
+    Examples
+    --------
+    >>> import asyncio
+    >>> async def grains():
+    ...     async with packstone.AsyncClient(client.url) as lab:
+    ...         packing = await lab.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+    ...         return await packing.grains()
+    >>> asyncio.run(grains()).shape
+    (45, 4)
+    """
 
     def __init__(
         self,
@@ -571,7 +618,19 @@ class AsyncClient:
         submit = lambda: self.sync.submit(job, idempotency_key=idempotency_key, **fields)  # noqa: E731
         return AsyncJob(self._threads, await self._threads.call(submit))
 
-    async def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> dict[str, Any]:
+    async def pack(
+        self,
+        job: Mapping[str, Any] | None = None,
+        /,
+        *,
+        timeout: float | None = None,
+        progress: bool = False,
+        **fields: Unpack[JobFields],
+    ) -> AsyncPacking:
+        """See :meth:`Client.pack`."""
+        return await (await self.submit(job, **fields)).result(timeout, progress)
+
+    async def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> JobPlan:
         """See :meth:`Client.plan`."""
         return await self._threads.call(lambda: self.sync.plan(job, **fields))
 

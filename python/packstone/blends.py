@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Union
 
 from . import _native
 from ._requests import encoded
-from .local import refusals
+from ._refusals import refusals
 from .readings import MixBand
 
 if TYPE_CHECKING:

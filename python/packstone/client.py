@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -14,14 +14,16 @@ from . import _html, _warnings
 from ._listing import ITEMS_PER_PAGE, pages
 from ._native import __version__
 from ._requests import job_body, rfc3339, study_body
-from ._transport import Transport, document
+from ._transport import KEY_VARIABLE, Transport, document
 from .jobs import FinishedState, Job, State
+from .packings import Packing
 from .studies import Study, StudyState
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from .builders import JobFields
+    from .results import JobPlan
 
 S = TypeVar("S", Job, Study)
 JobOrder = Literal["created", "-created", "priority", "-priority", "finished", "-finished"]
@@ -32,10 +34,28 @@ DEFAULT_URL = "http://127.0.0.1:8080"
 class Client:
     """A connection to a Packstone server.
 
-    The defaults of `url` and `api_key` are the environment variables ``PACKSTONE_URL`` and
-    ``PACKSTONE_API_KEY``; without them, the server of this machine. If a connection breaks or the server is
-    busy, the request is repeated for `retry_s` with growing pauses. Several threads may share a client. A
-    client can be pickled, and so can its jobs, studies and results; the pickle contains the API key.
+    If a connection breaks or the server is busy, a request is repeated with growing pauses. Several threads may share a
+    client. A client can be pickled, and so can its jobs and studies; the pickle never contains the API key, which the
+    copy takes from ``PACKSTONE_API_KEY``. A pickled :class:`Packing` holds its grains and needs no server.
+
+    Parameters
+    ----------
+    url
+        The address, that of the environment variable ``PACKSTONE_URL`` if it is not given, or the server of this
+        machine.
+    api_key
+        The API key, that of ``PACKSTONE_API_KEY`` if it is not given.
+    timeout_s
+        Longest wait for an answer in s.
+    retry_s
+        For how long a request is repeated in s.
+
+    Examples
+    --------
+    >>> with packstone.Client(client.url) as lab:
+    ...     packing = lab.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+    ...     print(len(packing))
+    45
     """
 
     def __init__(
@@ -48,11 +68,16 @@ class Client:
     ) -> None:
         self._transport = Transport(
             url or os.environ.get("PACKSTONE_URL") or DEFAULT_URL,
-            api_key or os.environ.get("PACKSTONE_API_KEY"),
+            api_key or os.environ.get(KEY_VARIABLE),
             agent=f"packstone-python/{__version__}",
             timeout_s=timeout_s,
             retry_s=retry_s,
         )
+
+    @property
+    def url(self) -> str:
+        """The address of the server."""
+        return self._transport.url
 
     def close(self) -> None:
         """Closes the connections, as the end of a ``with`` statement does. A later request is a `RuntimeError`."""
@@ -81,22 +106,78 @@ class Client:
         idempotency_key: str | None = None,
         **fields: Unpack[JobFields],
     ) -> Job:
-        """Submits a job: a mapping as in ``POST /v1/jobs``, its fields as arguments, or both.
+        """Submits a job and returns it at once; :meth:`Job.result` waits for its packing.
 
-        An argument replaces the field of the mapping: ``submit(mix_design, seed=2)``. A submission that is
-        repeated after a broken connection makes one job. With an `idempotency_key` of your own that holds for
-        a script that is started again, too. Warnings of the server are issued as :class:`PackstoneWarning`.
+        A submission that is repeated after a broken connection makes one job. Warnings of the server are issued as
+        :class:`PackstoneWarning`.
+
+        Parameters
+        ----------
+        job
+            A mapping as in ``POST /v1/jobs``.
+        idempotency_key
+            A key of your own, by which a script that is started again makes no second job either.
+        **fields
+            Fields of the job, see :class:`JobFields`, which replace those of `job`: ``submit(mix_design, seed=2)``.
+
+        Examples
+        --------
+        >>> job = client.submit(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1, name="core")
+        >>> job.wait().state
+        'succeeded'
+        >>> client.job(job.id).name
+        'core'
         """
         return self._submitted(Job, "/v1/jobs", job_body(job, fields), idempotency_key)
 
-    def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> dict[str, Any]:
-        """Returns what a job amounts to: expected grains, volume fractions, memory, time, warnings.
+    def pack(
+        self,
+        job: Mapping[str, Any] | None = None,
+        /,
+        *,
+        timeout: float | None = None,
+        progress: bool = False,
+        **fields: Unpack[JobFields],
+    ) -> Packing:
+        """Lets the server pack, and returns the packing, as :func:`packstone.pack` does in this process.
 
-        Nothing is stored. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not
-        fit.
+        It is ``submit(job).result()``: :meth:`submit` returns at once with the :class:`Job`.
+
+        Parameters
+        ----------
+        job
+            A mapping as in ``POST /v1/jobs``.
+        timeout
+            Longest wait in s; the job goes on after it.
+        progress
+            Whether a bar is shown.
+        **fields
+            Fields of the job, which replace those of the mapping.
+        """
+        return self.submit(job, **fields).result(timeout, progress)
+
+    def plan(self, job: Mapping[str, Any] | None = None, /, **fields: Unpack[JobFields]) -> JobPlan:
+        """Returns what a job amounts to: expected grains, volume fractions, memory, time, warnings. Nothing is stored.
+
+        Parameters
+        ----------
+        job
+            A mapping as in ``POST /v1/jobs``.
+        **fields
+            Fields of the job, which replace those of `job`.
+
+        Raises
+        ------
+        InvalidRequest
+            If the request is refused, or of the kind ``infeasible-mix`` if the grains do not fit.
+
+        Examples
+        --------
+        >>> round(client.plan(specimen=60, mix=packstone.Mix("A16", 0.5, d_min_mm=4))["grains"])
+        393
         """
         response = self._transport.request("POST", "/v1/plans", body=job_body(job, fields), repeatable=True)
-        plan = document(response)
+        plan = cast("JobPlan", document(response))
         _warnings.warn(_warnings.texts(plan))
         return plan
 
@@ -118,10 +199,33 @@ class Client:
         sort: JobOrder | None = None,
         page_size: int = ITEMS_PER_PAGE,
     ) -> Iterator[Job]:
-        """Yields the jobs that match all arguments.
+        """Yields the jobs that match all arguments. They are fetched page by page.
 
-        `name` is a part of the name. `sort` is ``-created``, newest first, if it is not given; ``priority`` and
-        ``finished`` sort by the priority and by the end, and ``-`` reverses the order. They are fetched page by page.
+        Parameters
+        ----------
+        state
+            Their state.
+        labels
+            Labels that they have.
+        study
+            The ID of their study.
+        name
+            A part of their name.
+        method
+            The method that they request.
+        created_after, created_before
+            Bounds of the time of their submission.
+        sort
+            ``-created``, newest first, if it is not given; ``priority`` and ``finished`` sort by the priority and by
+            the end, and ``-`` reverses the order.
+        page_size
+            Jobs of each request to the server.
+
+        Examples
+        --------
+        >>> job = client.submit(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), labels={"series": "TB-7"})
+        >>> [found.id for found in client.jobs(labels={"series": "TB-7"})] == [job.id]
+        True
         """
         params = {
             "state": state,
@@ -146,8 +250,23 @@ class Client:
     ) -> int:
         """Deletes the finished jobs that match all arguments, with their results, and returns how many those were.
 
-        At least one of `state`, `labels` and `before` must be given; `before` is the time before which they ended.
-        Jobs of studies are left to their study. With `dry_run` the jobs are only counted.
+        At least one of `state`, `labels` and `before` must be given. Jobs of studies are left to their study.
+
+        Parameters
+        ----------
+        state
+            Their state.
+        labels
+            Labels that they have.
+        before
+            The time before which they ended.
+        dry_run
+            Whether the jobs are only counted.
+
+        Examples
+        --------
+        >>> client.delete_jobs(labels={"series": "none"}, dry_run=True)
+        0
         """
         params = {
             "state": state,
@@ -180,20 +299,43 @@ class Client:
         webhook_url: str | None = None,
         idempotency_key: str | None = None,
     ) -> Study:
-        """Submits a study: a mapping as in ``POST /v1/studies``, its fields as arguments, or both.
+        """Submits a study: a `list` of jobs, or a `template` with a `grid` of JSON pointers into it and their values.
 
-        A study is a `list` of jobs, or a `template` and a `grid` of JSON pointers into it with their values.
-        Each combination of values is a point::
+        The study is accepted as a whole or not at all. Each combination of values of the grid is a point.
 
-            client.study(
-                template=job,
-                grid={"/mix/volume_fraction": packstone.steps(0.55, 0.70, 0.005),
-                      "/method": [{"type": "rsa"}, {"type": "edmd"}]},
-                replicates=20,
-            )
+        Parameters
+        ----------
+        study
+            A mapping as in ``POST /v1/studies``; arguments replace its fields.
+        template
+            The job of which each point is a variant.
+        grid
+            JSON pointers into the template with their values, or with :func:`steps`.
+        zip
+            The same, whose values vary together.
+        list
+            In place of a template: the jobs of all points.
+        replicates
+            The number of runs of each point.
+        stop_when
+            A rule that ends a point, as ``{"failed_in_a_row": 3}``.
+        seed
+            The seed from which those of the jobs follow.
+        name, labels
+            A name for people, and labels by which listings find it.
+        shared
+            Whether other users of the server may read it.
+        webhook_url
+            Where a signed message is sent when the study is finished, if the server sends webhooks.
+        idempotency_key
+            As that of :meth:`submit`.
 
-        `webhook_url` is sent a signed message when the study is finished, if the server sends webhooks.
-        The values of `zip` vary together. The study is accepted as a whole or not at all.
+        Examples
+        --------
+        >>> job = {"specimen": 40, "mix": packstone.Mix("A16", 0.2, d_min_mm=4), "distance": 0.2}
+        >>> study = client.study(template=job, grid={"/method": ["rsa", "edmd"]}, replicates=2, seed=1)
+        >>> [row["successes"] for row in study.wait().table()]
+        [2, 2]
         """
         body = study_body(
             study,

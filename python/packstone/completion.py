@@ -21,10 +21,23 @@ POLL_S, TURN_S = 20, 5
 def as_completed(
     jobs: Iterable[Job], timeout: float | None = None, *, progress: bool = False
 ) -> Iterator[Job]:
-    """Yields each job when it has ended, in any way.
+    """Yields each job when it has ended, in any way. At most 32 jobs are polled at the same time, the oldest first.
 
-    ``progress=True`` shows a bar. After `timeout` in s this raises :class:`WaitTimeout`; the jobs go on. At most
-    32 jobs are polled at the same time, the oldest first.
+    Parameters
+    ----------
+    jobs
+        The jobs.
+    timeout
+        Longest wait in s, after which this raises :class:`WaitTimeout`; the jobs go on.
+    progress
+        Whether a bar is shown.
+
+    Examples
+    --------
+    >>> mix = packstone.Mix("A16", 0.2, d_min_mm=4)
+    >>> jobs = [client.submit(specimen=40, mix=mix, seed=seed) for seed in range(3)]
+    >>> sorted(job.seed for job in packstone.as_completed(jobs))
+    [0, 1, 2]
     """
     if not progress:
         yield from _completed(jobs, timeout)

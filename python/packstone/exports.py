@@ -10,16 +10,9 @@ from typing import Any, Literal
 from . import _files, _html, _warnings
 from ._resource import Changing
 from .errors import error_of
+from .options import ExportType
 
-ExportType = Literal["mesh", "voxels", "slice", "deck", "ldpm", "certificates", "shapes", "quality", "properties"]
 ExportState = Literal["queued", "running", "succeeded", "failed"]
-MeshFormat = Literal["msh", "geo", "stl", "inp", "vtu", "med"]
-VoxelFormat = Literal["vti", "raw", "inp", "npy", "vtk", "zip"]
-SliceFormat = Literal["svg", "png", "json", "geo"]
-LdpmFormat = Literal["chrono", "tets", "facets", "cells"]
-CertificateFormat = Literal["csv", "json"]
-ExportFormat = Literal[MeshFormat, VoxelFormat, SliceFormat, LdpmFormat, CertificateFormat]
-Axis = Literal["x", "y", "z"]
 
 # The suffixes that name one export and its format.
 TYPE_OF_SUFFIX: dict[str, ExportType] = {
@@ -91,13 +84,28 @@ class Export(Changing):
         error = self.data["error"]
         return None if error is None else dict(error)
 
-    def save(self, path: str | PathLike[str], timeout: float | None = None) -> Path:
+    def save(self, path: str | PathLike[str], timeout: float | None = None, *, overwrite: bool = False) -> Path:
         """Writes the file when it is made, and returns the path.
 
-        Missing folders are created, and a file of the same name is replaced. Beside a mesh for Gmsh its script is
-        written, as :meth:`Packing.save` does. Raises :class:`PackstoneError` if the file could not be made, and
-        :class:`WaitTimeout` after `timeout` in s.
+        Missing folders are created. Beside a mesh for Gmsh its script is written, as :meth:`Packing.save` does.
+
+        Parameters
+        ----------
+        path
+            The file.
+        timeout
+            Longest wait in s.
+        overwrite
+            Whether a file of the same name is replaced.
+
+        Raises
+        ------
+        FileExistsError
+            If the file exists.
+        PackstoneError
+            If the file could not be made; :class:`WaitTimeout` after `timeout`.
         """
+        _files.refuse_existing(path, overwrite)
         saved = _files.save(self._transport, self._file(timeout), path)
         _files.write_companion(saved, self.type, self.options)
         return saved

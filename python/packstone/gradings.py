@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Literal
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Literal
 
 from ._fields import Fields
+from .errors import invalid
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -22,6 +24,9 @@ StandardName = Literal[
     "AREMA",
 ]
 By = Literal["mass", "number"]
+
+# By how much a share may be larger than the whole, for the rounding of sums.
+ROUNDING = 1e-9
 
 
 class Grading(Fields):
@@ -156,20 +161,64 @@ class Grading(Fields):
         cls,
         points: Sequence[tuple[float, float]] | ArrayLike,
         between: Literal["log", "linear"] | None = None,
+        *,
+        percent: bool = False,
     ) -> Grading:
-        """A curve through sieves: pairs of the diameter in mm and what passes it, in any order.
+        """A curve through sieves.
 
-        All passings are from 0 to 1, or all in percent. Where 90 % or more pass the coarsest sieve, the next one of
-        the series is added, with a warning. Between two sieves the passing is linear in the logarithm of the diameter,
-        or in the diameter (``"linear"``).
+        Parameters
+        ----------
+        points
+            Pairs of the diameter in mm and the share of the mass that passes it, in any order. Where 90 % or more pass
+            the coarsest sieve, the next one of the series is added, with a warning.
+        between
+            Whether the passing between two sieves is linear in the logarithm of the diameter (``log``, the default), or
+            in the diameter (``linear``).
+        percent
+            Whether passings are in percent: they are fractions from 0 to 1 if it is not given, and are never guessed.
+
+        Raises
+        ------
+        InvalidRequest
+            If passings are not in the unit that `percent` says.
+
+        Examples
+        --------
+        >>> packstone.Grading.sieves([(4, 0), (8, 60.5), (16, 100)], percent=True)
+        Grading({'type': 'sieves', 'points': [[4, 0.0], [8, 0.605], [16, 1.0]]})
+        >>> packstone.Grading.sieves([(4, 0), (8, 60.5), (16, 100)])
+        Traceback (most recent call last):
+        packstone.errors.InvalidRequest: Invalid argument: points: 60.5 passes 8 mm, which is no fraction from 0 to 1: \
+pass percent=True
         """
-        return cls(type="sieves", points=points, between=between)
+        pairs = _rows("points", points, 2, "the diameter in mm and what passes it")
+        meanings = [f"passes {diameter:g} mm" for diameter, _ in pairs]
+        passings = _fractions("points", [passing for _, passing in pairs], percent, meanings)
+        shared = [[diameter, passing] for (diameter, _), passing in zip(pairs, passings, strict=True)]
+        return cls(type="sieves", points=shared, between=between)
 
     @classmethod
-    def classes(cls, classes: Sequence[tuple[float, float, float]]) -> Grading:
-        """Size classes: triples of the lower and the upper diameter in mm and the mass fraction."""
+    def classes(cls, classes: Sequence[tuple[float, float, float]] | ArrayLike, *, percent: bool = False) -> Grading:
+        """Size classes.
+
+        Parameters
+        ----------
+        classes
+            Triples of the lower and the upper diameter in mm and the share of the mass.
+        percent
+            Whether the shares are in percent: they are fractions from 0 to 1 if it is not given.
+
+        Examples
+        --------
+        >>> packstone.Grading.classes([(4, 8, 40), (8, 16, 60)], percent=True)["classes"][0]
+        {'d_min_mm': 4, 'd_max_mm': 8, 'mass_fraction': 0.4}
+        """
+        rows = _rows("classes", classes, 3, "the lower and the upper diameter in mm and the share")
+        meanings = [f"is the share of {row[0]:g} to {row[1]:g} mm" for row in rows]
+        shares = _fractions("classes", [row[2] for row in rows], percent, meanings)
         names = ("d_min_mm", "d_max_mm", "mass_fraction")
-        return cls(type="classes", classes=[dict(zip(names, item, strict=True)) for item in classes])
+        items = [dict(zip(names, (*row[:2], share), strict=True)) for row, share in zip(rows, shares, strict=True)]
+        return cls(type="classes", classes=items)
 
     @classmethod
     def monodisperse(cls, diameter_mm: float) -> Grading:
@@ -180,3 +229,27 @@ class Grading(Fields):
     def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
         """An explicit list of diameters. Its volume is that of the mix."""
         return cls(type="diameters", diameters_mm=diameters_mm)
+
+
+def _rows(argument: str, rows: Any, length: int, what: str) -> list[list[Any]]:
+    """A table of numbers as lists, each of a length."""
+    plain = rows.tolist() if hasattr(rows, "tolist") else rows
+    found = [list(row) if isinstance(row, Iterable) else [row] for row in plain]
+    for row in found:
+        if len(row) != length:
+            raise invalid(argument, f"{row} must have {length} numbers: {what}")
+    return found
+
+
+def _fractions(argument: str, shares: list[Any], percent: bool, meanings: list[str]) -> list[Any]:
+    """Shares from 0 to 1, of those that a caller gave in this unit or in percent."""
+    numbers = [float(share) if isinstance(share, Real) else 0.0 for share in shares]
+    for share, meaning in zip(numbers, meanings, strict=True):
+        if not percent and share > 1 + ROUNDING:
+            raise invalid(argument, f"{share:g} {meaning}, which is no fraction from 0 to 1: pass percent=True")
+        if percent and share > 100 + ROUNDING:
+            raise invalid(argument, f"{share:g} {meaning}, which is more than 100 percent")
+    most = max(numbers, default=0.0)
+    if percent and 0 < most <= 1:
+        raise invalid("percent", f"the largest of {argument} is {most:g}, which is a fraction: leave percent out")
+    return [share / 100 for share in shares] if percent else shares

@@ -13,11 +13,13 @@ from . import _files, _html
 from ._listing import pages
 from ._remote import Remote
 from ._requests import parameters
-from ._resource import Resource
+from ._exporting import JobExports
 from ._transport import document
 from .errors import JobCancelled, error_of
-from .exports import Axis, Export, ExportFormat, ExportType, SliceFormat
-from .packings import Packing, PackingPlotKind, Theme
+from .exports import Export
+from .options import Axis, SliceFormat, check_options
+from ._sources import PackingPlotKind, Theme
+from .packings import Packing
 from .svg import Svg
 
 if TYPE_CHECKING:
@@ -38,8 +40,17 @@ State = Literal["queued", "running", "succeeded", "failed", "cancelled"]
 FinishedState = Literal["succeeded", "failed", "cancelled"]
 
 
-class Job(Resource):
-    """A packing job as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again."""
+class Job(JobExports):
+    """A packing job as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again.
+
+    Examples
+    --------
+    >>> job = client.submit(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+    >>> len(job.result())
+    45
+    >>> job.export("mesh", segments=8).wait().state
+    'succeeded'
+    """
 
     @property
     def state(self) -> State:
@@ -78,9 +89,23 @@ class Job(Resource):
     def result(self, timeout: float | None = None, progress: bool = False) -> Packing:
         """Waits for the packing and returns it: also a partial one, which :attr:`Packing.partial` tells.
 
-        Raises :class:`TargetNotReached` if the method could not reach the target, :class:`JobCancelled` if the
-        job was cancelled, :class:`PackstoneError` if it failed in another way, and :class:`WaitTimeout` after
-        `timeout` in s.
+        Parameters
+        ----------
+        timeout
+            Longest wait in s; the job goes on after it.
+        progress
+            Whether a bar is shown.
+
+        Raises
+        ------
+        TargetNotReached
+            If the method could not reach the target.
+        JobCancelled
+            If the job was cancelled.
+        WaitTimeout
+            After `timeout`.
+        PackstoneError
+            If the job failed in another way.
         """
         self.wait(timeout, progress)
         if self.succeeded:
@@ -88,21 +113,6 @@ class Job(Resource):
         if self.error is not None:
             raise error_of(self.error)
         raise JobCancelled(f"{self._title} was cancelled")
-
-    def export(
-        self, type: ExportType, /, *, format: ExportFormat | None = None, keep: bool = True, **options: Any
-    ) -> Export:
-        """Starts an export: ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``,
-        ``quality`` or ``properties``.
-
-        :meth:`Export.save` waits for its file. The same type, format and options are the same export, which is made
-        once. With `keep` the file stays with the job; without, it is a cache that the server may remove.
-        """
-        params = {"format": format, "keep": keep, **parameters(options)}
-        response = self._transport.request(
-            "POST", f"{self.path}/exports/{type}", params=params, repeatable=True
-        )
-        return Export(self._transport, document(response), response.headers.get("etag"))
 
     def exports(self) -> Iterator[Export]:
         """Yields the exports of the packing, newest first. They are fetched page by page."""
@@ -116,6 +126,7 @@ class Job(Resource):
         format: SliceFormat | None = None,
         axis: Axis | None = None,
         at_mm: float | None = None,
+        overwrite: bool = False,
         **options: Any,
     ) -> bytes:
         """Returns a cross-section of the packing, and saves it if there is a `path`.
@@ -123,6 +134,9 @@ class Job(Resource):
         The format is that of the suffix if it is not named: ``svg`` (the default), ``png``, ``json`` with the
         circles, or ``geo``, a script for Gmsh. The cross-section lies in the middle if `at_mm` is absent.
         """
+        check_options("slice", options)
+        if path is not None:
+            _files.refuse_existing(path, overwrite)
         suffix = "" if path is None else Path(path).suffix.removeprefix(".").lower()
         named = format or suffix or "svg"
         if named not in get_args(SliceFormat):
@@ -142,9 +156,10 @@ class Job(Resource):
         *,
         title: bool = True,
         theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """Returns a plot of the packing, and saves it if there is a `path`: see :meth:`Packing.plot`."""
-        return self._packing().plot(kind, path, title=title, theme=theme)
+        return self._packing().plot(kind, path, title=title, theme=theme, overwrite=overwrite)
 
     def update(self, *, if_unchanged: bool = False, **changes: Unpack[JobChanges]) -> Job:
         """Changes the name, the priority (of a queued job), the labels, the expiry, who may read it, or its webhook.

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+from typing import Any
 
 import anywidget
 import traitlets
@@ -34,6 +36,23 @@ function render({{ model, el }}) {{
 }}
 export default {{ render }};
 """
+    _png: bytes | None = None
+
+    @classmethod
+    def of(cls, page: str, height_px: int, png: bytes | None) -> Viewer:
+        """The viewer of a page, with a picture for saved notebooks, which do not run it."""
+        viewer = cls(page=page, height_px=height_px)
+        viewer._png = png
+        return viewer
+
+    def _repr_mimebundle_(self, **kwargs: Any) -> Any:
+        shown = super()._repr_mimebundle_(**kwargs)
+        data, metadata = shown if isinstance(shown, tuple) else (shown, {})
+        if data is None or self._png is None:
+            return shown
+        picture = base64.b64encode(self._png).decode("ascii")
+        return {**data, "image/png": picture}, metadata
+
     page = traitlets.Unicode().tag(sync=True)
     """The page as HTML, a document of its own."""
     height_px = traitlets.Int(640).tag(sync=True)

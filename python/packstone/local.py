@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 from . import _native, _warnings
 from ._progress import Progress, note
 from ._requests import encoded, job_body
-from .errors import error_of
-from .exports import ExportType
-from .packings import File, Packing
+from ._refusals import refusals
+from ._sources import File
+from .options import ExportType
+from .packings import Packing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from .builders import JobFields
-    from .packings import PackingPlotKind, Theme
+    from .results import JobPlan
+    from ._sources import PackingPlotKind, Theme
 
 
 def pack(
@@ -37,19 +39,45 @@ def pack(
 ) -> Packing:
     """Packs in this process and returns the packing: the same bits as a service makes of the same request.
 
-    The request is a mapping as :meth:`Client.submit` takes it, its fields as arguments, or both. An argument replaces
-    the field of the mapping: ``pack(mix_design, seed=2)``.
+    Other threads of Python go on meanwhile. Ctrl-C ends the run at once. What is doubtful about the request or the
+    packing is issued as :class:`PackstoneWarning`.
 
-    ``progress=True`` shows a bar (of tqdm if it is installed) with the remaining time. A function is called at most
-    10 times a second with ``step``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run. Other
-    threads go on meanwhile. Ctrl-C ends the run at once. With the path of a `checkpoint` the run is kept there from
-    time to time and when it is stopped; a later call with the same request and path continues it and makes the same
-    packing. The file is removed at the end. With `threads` so many threads compute the packing at most, which does not
-    depend on their number; without, one for each core.
+    Parameters
+    ----------
+    job
+        A request as :meth:`Client.submit` takes it.
+    checkpoint
+        A file in which the run is kept from time to time and when it is stopped. A later call with the same request and
+        path continues it and makes the same packing. The file is removed at the end.
+    progress
+        ``True`` shows a bar (of tqdm if it is installed) with the remaining time. A function is called at most 10 times
+        a second with ``step``, ``fraction``, ``eta_s`` and ``message``; what it raises ends the run.
+    max_grains
+        The largest number of grains that is packed.
+    **fields
+        Fields of the request, see :class:`JobFields`, which replace those of `job`: ``pack(mix_design, seed=2)``.
+        `threads` is the largest number of threads that compute the packing, which does not depend on it.
 
-    Raises :class:`TargetNotReached` if the method could not reach the target, and :class:`PackstoneError` if the
-    request is refused, for example because it has more than `max_grains`. What is doubtful about request or packing is
-    issued as :class:`PackstoneWarning`.
+    Returns
+    -------
+    Packing
+        The packing, with its check.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request is refused; the message names each argument.
+    TargetNotReached
+        If the method could not reach the target.
+
+    Examples
+    --------
+    >>> packing = packstone.pack(specimen=60, mix=packstone.Mix("A16", 0.5, d_min_mm=4), distance=0.5, seed=1)
+    >>> packing
+    <Packing of 392 grains: box of 60 x 60 x 60 mm, volume fraction 0.3201, distance 0.5 mm, seed 1>
+    >>> packstone.pack(specimen=60, mix=packstone.Mix("A16", 50, d_min_mm=4))
+    Traceback (most recent call last):
+    packstone.errors.InvalidRequest: Invalid argument: mix.volume_fraction: 50 is out of range: must be at least ...
     """
     request = encoded(job_body(job, fields))
     with _shown(progress) as told, refusals():
@@ -64,21 +92,40 @@ def pack(
     return packing
 
 
-def forecast(
+def plan(
     job: Mapping[str, Any] | None = None,
     /,
     *,
     max_grains: int | None = None,
     **fields: Unpack[JobFields],
-) -> dict[str, Any]:
+) -> JobPlan:
     """Returns what a job amounts to, as :meth:`Client.plan`: expected grains, volume fractions, memory, time, warnings.
 
-    Nothing is packed. Raises :class:`PackstoneError` of the kind ``infeasible-mix`` if the grains do not fit.
+    Nothing is packed.
+
+    Parameters
+    ----------
+    job
+        A request as :func:`pack` takes it.
+    max_grains
+        The largest number of grains that is packed.
+    **fields
+        Fields of the request, which replace those of `job`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request is refused, or of the kind ``infeasible-mix`` if the grains do not fit.
+
+    Examples
+    --------
+    >>> round(packstone.plan(specimen=60, mix=packstone.Mix("A16", 0.5, d_min_mm=4))["grains"])
+    393
     """
     with refusals():
-        plan: dict[str, Any] = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
-    _warnings.warn(_warnings.texts(plan))
-    return plan
+        planned: JobPlan = json.loads(_native.plan(encoded(job_body(job, fields)), max_grains))
+    _warnings.warn(_warnings.texts(planned))
+    return planned
 
 
 class Local:
@@ -98,6 +145,14 @@ class Local:
         """The name of the request and the number of grains."""
         grains, name = f"{len(self._made)} grains", self.request().get("name")
         return grains if name is None else f"{name!r} ({grains})"
+
+    def count(self) -> int:
+        """The number of grains."""
+        return len(self._made)
+
+    def in_memory(self) -> Local:
+        """This packing."""
+        return self
 
     def report(self) -> dict[str, Any]:
         """The result without its grains and its request."""
@@ -150,15 +205,6 @@ class Local:
         """A plot, drawn as a server draws it."""
         with refusals():
             return self._made.plot(kind, title, theme)
-
-
-@contextmanager
-def refusals() -> Iterator[None]:
-    """Raises what the native module refuses as the exceptions of this package."""
-    try:
-        yield
-    except _native.Refused as refused:
-        raise error_of(json.loads(refused.args[0])) from None
 
 
 @contextmanager

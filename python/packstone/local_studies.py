@@ -12,18 +12,23 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import _html, _native, _tables, _warnings
+from . import _files, _html, _native, _study_files, _tables, _warnings
 from ._columns import Labels
 from ._executors import Runner
 from ._progress import Progress
 from ._requests import encoded, study_body
-from .local import Local, refusals
-from .packings import FileFormat, Packing, Theme, check_format
+from ._refusals import refusals
+from .local import Local
+from ._sources import FileFormat, Theme, file_of
+from .packings import Packing
 from .studies import StudyPlotKind
 from .svg import Svg
 
 if TYPE_CHECKING:
     import pandas as pd
+    from typing_extensions import Unpack
+
+    from .options import FileOptions
 
 # The columns of a table of runs that each run has.
 RUN_COLUMNS = ("point", "replicate", "seed", "outcome", "error", "time_s")
@@ -48,15 +53,48 @@ def study(
 ) -> LocalStudy:
     """Runs a study from this process and returns its table: the same packings as a service makes of the same study.
 
-    The study is a mapping as :meth:`Client.study` takes it, its fields as arguments, or both. The runs are executed by
-    `workers` threads of this process, as many as there are cores if it is not given; packings run without Python's
-    lock. With an `executor` they are executed there: an executor of ``concurrent.futures``, a
-    ``dask.distributed.Client``, or the module ``ray`` after ``ray.init()``. `workers` then says how many runs it has
-    room for, if it does not tell.
+    Ctrl-C ends the study; its runs of this process end at once. What is doubtful about the points is issued as
+    :class:`PackstoneWarning`.
 
-    With `keep` the packings are kept in :attr:`LocalStudy.packings`; else only their figures are. ``progress=True``
-    shows a bar; a function is called with the study after each run. Ctrl-C ends the study; its runs of this process
-    end at once. What is doubtful about the points is issued as :class:`PackstoneWarning`.
+    Parameters
+    ----------
+    study
+        A study as :meth:`Client.study` takes it.
+    template
+        The job of which each point is a variant.
+    grid
+        JSON pointers into the template with their values; each combination is a point.
+    zip
+        The same, whose values vary together.
+    list
+        In place of a template: the jobs of all points.
+    replicates
+        The number of runs of each point.
+    stop_when
+        A rule that ends a point, as ``{"failed_in_a_row": 3}``.
+    seed
+        The seed from which those of the runs follow.
+    name
+        A name for people.
+    executor
+        Where the runs are executed: an executor of ``concurrent.futures``, a ``dask.distributed.Client``, or the module
+        ``ray`` after ``ray.init()``. Without it, in threads of this process; packings run without Python's lock.
+    workers
+        The number of threads, that of the cores if it is not given; for how many runs the executor has room, if it does
+        not tell.
+    keep
+        Whether :attr:`LocalStudy.packings` keeps the packings, not only their figures.
+    progress
+        ``True`` shows a bar; a function is called with the study after each run.
+
+    Examples
+    --------
+    >>> job = {"specimen": 40, "mix": packstone.Mix("A16", 0.2, d_min_mm=4), "distance": 0.2}
+    >>> study = packstone.study(template=job, grid={"/mix/volume_fraction": [0.2, 0.3]}, replicates=3, seed=1)
+    >>> study
+    <LocalStudy 1: 6 of 6 runs>
+    >>> [row["success_rate"] for row in study.table()]
+    [1.0, 1.0]
     """
     body = study_body(
         study,
@@ -71,6 +109,7 @@ def study(
     )
     with refusals():
         made = LocalStudy(_native.Study(encoded(body)), keep)
+    made._request = {**body, "seed": made.seed}
     _warnings.warn(made.warnings)
     bar = Progress(f"study {made.name or made.seed}") if progress is True else None
     with bar or nullcontext(), Runner(executor, workers) as runner:
@@ -87,6 +126,7 @@ class LocalStudy:
 
     def __init__(self, native: _native.Study, keep: bool) -> None:
         document = json.loads(native.runs())
+        self._request: dict[str, Any] = {}
         self._native = native
         self._keep = keep
         self._runs = document["runs"]
@@ -100,6 +140,77 @@ class LocalStudy:
         """The JSON pointers of the fields that distinguish the points; ``point`` and ``name`` for a list of jobs."""
         self.packings: dict[tuple[int, int], Packing] = {}
         """The packings by point and replicate, if the study keeps them."""
+
+    @classmethod
+    def open(cls, directory: str | PathLike[str]) -> LocalStudy:
+        """Reads a study from the folder that :meth:`save` or ``packstone study`` wrote.
+
+        Parameters
+        ----------
+        directory
+            The folder. Packings below ``results`` are read where they lie as ``json``, ``csv`` or ``npy``.
+
+        Returns
+        -------
+        LocalStudy
+            The study with its table, runs, plots and packings. It can be unfinished.
+
+        Raises
+        ------
+        ValueError
+            If the folder holds no study, or a damaged one.
+        """
+        directory = Path(directory)
+        request, records = _study_files.read(directory)
+        packings = _study_files.packings(directory)
+        with refusals():
+            study = cls(_native.Study(encoded(request)), bool(packings))
+        study._request = request
+        for record in records:
+            place = (record.pop("point"), record.pop("replicate"))
+            study._records[place] = record
+            study._native.count(place[0], record["outcome"])
+        study.packings = packings
+        return study
+
+    def save(self, directory: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Writes the study into a folder, as ``packstone study`` does, and returns its path.
+
+        :func:`load` reads it again, and ``packstone study STUDY.json --out DIRECTORY --resume`` goes on with it. The
+        packings that the study keeps are written as ``results/POINT-REPLICATE.json``.
+
+        Parameters
+        ----------
+        directory
+            The folder, which is created.
+        overwrite
+            Whether the files of another study are replaced.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder holds a study.
+
+        Examples
+        --------
+        >>> mix = packstone.Mix("A16", 0.2, d_min_mm=4)
+        >>> study = packstone.study(template={"specimen": 40, "mix": mix}, replicates=2, seed=1, keep=True)
+        >>> packstone.load(study.save("two")).packings[0, 1]
+        <Packing of 46 grains: ...>
+        """
+        seeds = {(run["point"], run["replicate"]): run["request"]["seed"] for run in self._runs}
+        records = [
+            {"point": place[0], "replicate": place[1], "seed": seeds[place], **record}
+            for place, record in sorted(self._records.items())
+        ]
+        directory = Path(directory)
+        engine = next((kept.report["engine"] for kept in self.packings.values()), {"version": _native.__version__})
+        _study_files.write(directory, engine, self._request, records, overwrite=overwrite)
+        self.to_csv(directory / "table.csv", overwrite=overwrite)
+        _files.write(directory / "table.json", self._native.table(self._ended(), "json").encode())
+        for (point, replicate), packing in self.packings.items():
+            packing.save(directory / "results" / f"{point}-{replicate}.json", overwrite=overwrite)
+        return directory
 
     @property
     def points(self) -> int:
@@ -141,7 +252,8 @@ class LocalStudy:
         """Returns one row per run that ended: its point, replicate, seed, values, outcome, time in s and figures.
 
         The outcome is ``succeeded``, ``partial`` (ended before its target, and kept), ``target_not_reached``, or
-        ``void`` for a run that does not count; ``error`` is the kind of the problem. `labels` and `names` are those of :meth:`to_dataframe`.
+        ``void`` for a run that does not count; ``error`` is the kind of the problem.
+        `labels` and `names` are those of :meth:`to_dataframe`.
         """
         return self._rows(labels, names)[1]
 
@@ -161,17 +273,20 @@ class LocalStudy:
         *,
         labels: Labels | None = None,
         names: Mapping[str, str] | None = None,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> list[Path]:
         """Saves the packings that the study has kept, and returns the paths, see :meth:`Study.save_all`."""
         if not self._keep:
             raise ValueError("the study has kept no packings: call study(..., keep=True)")
-        check_format(format)
+        file_of(format, options)
         columns, rows = self._rows(labels, names)
         rows = [row for row in rows if (row["point"], row["replicate"]) in self.packings]
         paths = _tables.paths(Path(directory), rows, columns, name, format)
+        for path in paths:
+            _files.refuse_existing(path, overwrite)
         for row, path in zip(rows, paths, strict=True):
-            self.packings[row["point"], row["replicate"]].save(path, format, **options)
+            self.packings[row["point"], row["replicate"]].save(path, format, overwrite=overwrite, **options)
         return paths
 
     def plot(
@@ -183,20 +298,22 @@ class LocalStudy:
         log_x: bool | None = None,
         title: bool = True,
         theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
         """Returns a plot of the table, and saves it if there is a `path`, see :meth:`Study.plot`."""
         with refusals():
             svg = Svg(self._native.plot(kind, self._ended(), x=x, log_x=log_x, title=title, theme=theme))
         if path is not None:
-            svg.save(path)
+            svg.save(path, overwrite=overwrite)
         return svg
 
-    def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Writes the table as CSV, as a service and the command line do, and returns the path."""
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self._native.table(self._ended(), "csv"))
-        return path
+    def to_csv(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Writes the table as CSV, as a service and the command line do, and returns the path.
+
+        Raises `FileExistsError` if the file exists, unless `overwrite`.
+        """
+        _files.refuse_existing(path, overwrite)
+        return _files.write(path, self._native.table(self._ended(), "csv").encode())
 
     def _run(self, runner: Runner) -> Iterator[int]:
         """Executes the runs; yields the number of those that have ended or are called off, after each."""

@@ -1,221 +1,115 @@
-"""A packing, made in this process or by a service."""
+"""A packing, made in this process or by a service, or read from a file."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, overload
 
-from . import _files, _html
-from ._requests import named
+from . import _files, _html, _matplotlib
+from ._conversions import Conversions
+from ._exporting import PackingExports
+from ._sources import File, FileFormat, PackingPlotKind, Theme, file_of
+from .builders import Box, Cylinder, Specimen
 from .errors import PackstoneError
-from .exports import AMBIGUOUS_SUFFIXES, TYPE_OF_SUFFIX, ExportFormat, ExportType
 from .svg import Svg
 from .view import View
 
 if TYPE_CHECKING:
-    import meshio
-    import numpy as np
-    import pandas as pd
-    import pyvista
-    from numpy.typing import NDArray
+    from matplotlib.axes import Axes
+    from typing_extensions import NotRequired, Unpack
 
     from .jupyter import Viewer
+    from .options import FileOptions
+    from .reports import QualityReport
+    from .results import CheckReport, EngineInfo, Partial, Report, Summary
 
-TableFormat = Literal["json", "csv", "npy", "vtp", "vtk", "view", "html"]
-FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
-PackingPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "flakiness", "quality"]
-PACKING_PLOT_KINDS: tuple[PackingPlotKind, ...] = get_args(PackingPlotKind)
-Theme = Literal["light", "dark"]
+    class PackingReport(Report):
+        """Everything that is known about a packing but its grains and its request."""
 
-COLUMNS = ("x_mm", "y_mm", "z_mm", "d_mm")
-"""Columns of spheres: centre and diameter."""
-
-ELLIPSOID_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "a_mm", "b_mm", "c_mm")
-"""Columns of ellipsoids: those of the sphere of equal volume, sieve size, orientation quaternion, semi-axes."""
-
-POLYHEDRON_COLUMNS = (*COLUMNS, "sieve_mm", "qw", "qx", "qy", "qz", "template")
-"""Columns of polyhedra: those of the sphere of equal volume, sieve size, orientation quaternion, index of the template.
-"""
-
-MIXED_COLUMNS = (*ELLIPSOID_COLUMNS, "template")
-"""Columns of ellipsoids and polyhedra in one packing: polyhedra have the semi-axes 0, ellipsoids the template -1."""
+        engine: EngineInfo
+        job_id: NotRequired[str]
 
 
-class File(NamedTuple):
-    """A file of a packing: its grains in a format, or an export with its options."""
+class Packing(Conversions, PackingExports):
+    """A packing, which :func:`pack` makes in this process, :meth:`Job.result` returns from a service, or :func:`load`
+    reads from a file.
 
-    format: str
-    type: ExportType | None
-    """The type of the export; `None` for the grains."""
-    options: Mapping[str, Any]
+    ``numpy.asarray(packing)`` is the array :attr:`grains`, ``len(packing)`` the number of grains, and iteration gives
+    each :class:`Grain`. The parts of a packing of a service are fetched when they are needed. The pickle of a packing
+    holds its grains and no API key: one of a service is fetched for it.
 
-
-class Source(Protocol):
-    """Where a packing is: in this process or on a server."""
-
-    @property
-    def title(self) -> str:
-        """What was packed, for a message or a heading."""
-        ...
-
-    def report(self) -> dict[str, Any]:
-        """The result without its grains and its request."""
-        ...
-
-    def request(self) -> dict[str, Any]:
-        """The request with the defaults filled in."""
-        ...
-
-    def columns(self) -> tuple[str, ...]:
-        """The names of the columns of the grains."""
-        ...
-
-    def grains(self) -> NDArray[np.float64]:
-        """The grains as an array of their own."""
-        ...
-
-    def read(self, file: File, timeout: float | None) -> bytes:
-        """The content of a file."""
-        ...
-
-    def save(self, file: File, path: Path, timeout: float | None) -> None:
-        """Writes a file as a whole or not at all."""
-        ...
-
-    def export(
-        self, type: ExportType, options: Mapping[str, Any], path: Path, timeout: float | None
-    ) -> dict[str, Any]:
-        """Writes an export and returns its figures."""
-        ...
-
-    def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
-        """A plot as SVG."""
-        ...
-
-
-class Packing:
-    """A packing, which :func:`pack` makes in this process and :meth:`Job.result` returns from a service.
-
-    Of a service the parts are fetched when they are needed. A packing can be pickled.
+    Examples
+    --------
+    >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.3, d_min_mm=4), distance=0.2, seed=1)
+    >>> packing
+    <Packing of 68 grains: box of 40 x 40 x 40 mm, volume fraction 0.1922, distance 0.2 mm, seed 1>
+    >>> packing.positions.shape, packing.diameters[:2].round(1).tolist()
+    ((68, 3), [15.8, 13.2])
+    >>> sum(grain.diameter > 8 for grain in packing)
+    12
     """
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
-
     @cached_property
-    def report(self) -> dict[str, Any]:
+    def report(self) -> PackingReport:
         """Everything but grains and request: engine, summary, timings, statistics, check, curves, warnings."""
-        return self._source.report()
+        report: PackingReport = cast("PackingReport", self._source.report())
+        return report
 
     @property
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Summary:
         """The main figures: grains, volume fractions, distance, size classes."""
-        return dict(self.report["summary"])
+        return self.report["summary"].copy()
 
     @property
-    def partial(self) -> dict[str, Any] | None:
-        """How far the run came, if it ended before its target and its packing was kept, else `None`.
-
-        It has ``reason`` (``time_limit``, ``event_limit``, ``stalled``, ``saturated``, ``timed_out`` or ``finished``),
-        ``volume_fraction_requested`` and ``_reached``, ``distance_mm_requested`` and ``_reached``, ``size_scale`` (the
-        factor on the sizes of all grains), ``grains_requested`` and ``grains_placed``.
-        """
+    def partial(self) -> Partial | None:
+        """How far the run came, if it ended before its target and its packing was kept, else `None`."""
         partial = self.summary.get("partial")
-        return None if partial is None else dict(partial)
+        return None if partial is None else partial.copy()
 
     @property
-    def check(self) -> dict[str, Any]:
+    def check(self) -> CheckReport:
         """What the independent check of the packing found: smallest gaps in mm, greatest error of a size class."""
-        return dict(self.report["check"])
+        return self.report["check"].copy()
 
     @cached_property
     def request(self) -> dict[str, Any]:
         """The request with the defaults filled in, with the seed: the same request makes the same packing."""
         return self._source.request()
 
-    @cached_property
-    def columns(self) -> tuple[str, ...]:
-        """The names of the columns of :attr:`grains`."""
-        return self._source.columns()
-
-    @cached_property
-    def grains(self) -> NDArray[np.float64]:
-        """The grains, largest first: an N x 4 array of the centre x, y, z and the diameter, in mm.
-
-        Ellipsoids have the columns ``ELLIPSOID_COLUMNS``, polyhedra ``POLYHEDRON_COLUMNS``, packings of both
-        ``MIXED_COLUMNS``. Of a mix of several aggregates the last column is ``aggregate``, their index from 0. All
-        grains, :attr:`positions` and :attr:`diameters` are one array, which cannot be written: change a ``copy()``.
-        """
-        grains = self._source.grains()
-        grains.setflags(write=False)
-        return grains
+    @property
+    def seed(self) -> int:
+        """The seed of all random numbers."""
+        return int(self.request["seed"])
 
     @property
-    def positions(self) -> NDArray[np.float64]:
-        """The centres of the grains, largest first: an N x 3 array in mm."""
-        return self.grains[:, :3]
+    def volume_fraction(self) -> float:
+        """The volume of the grains over that of the specimen."""
+        return self.report["summary"]["volume_fraction_effective"]
 
     @property
-    def diameters(self) -> NDArray[np.float64]:
-        """The diameters of the grains, largest first, in mm; of other shapes those of the spheres of equal volume."""
-        return self.grains[:, 3]
+    def specimen(self) -> Specimen:
+        """The region that is filled: a :class:`Box` or a :class:`Cylinder`."""
+        given = dict(self.request["specimen"])
+        if given.pop("type") == "box":
+            return Box(given.pop("size_mm"), **given)
+        return Cylinder(**given)
 
-    def to_numpy(self) -> NDArray[np.float64]:
-        """Returns :attr:`grains`."""
-        return self.grains
+    def read(
+        self, format: FileFormat, *, timeout: float | None = None, **options: Unpack[FileOptions]
+    ) -> bytes:
+        """Returns the packing in a file format, as :meth:`save` writes it.
 
-    def to_dataframe(self) -> pd.DataFrame:
-        """Returns the grains as a table with the columns of :attr:`grains`: x_mm, y_mm, z_mm, d_mm. Needs pandas."""
-        import pandas as pd
-
-        return pd.DataFrame(self.grains, columns=list(self.columns), copy=True)
-
-    def templates(self) -> list[dict[str, Any]]:
-        """Returns the templates that the column ``template`` of polyhedra counts from 0; an empty list of other grains.
-
-        Each has ``vertices`` and ``faces`` of its core, ``rounding``, and derived figures, all in equivalent diameters.
+        Examples
+        --------
+        >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+        >>> packing.read("csv").splitlines()[0]
+        b'x_mm,y_mm,z_mm,d_mm'
         """
-        return list(json.loads(self.read("json")).get("templates", []))
-
-    def to_pyvista(self, *, spheres: bool = False, resolution: int = 16) -> pyvista.PolyData:
-        """Returns the centres with the point data ``diameter_mm``, as PyVista's points. Needs pyvista.
-
-        With `spheres` it returns the surfaces of the grains, each of `resolution` segments, ellipsoids too; packings
-        with polyhedra have faces as polygons, with cell data in place of point data:
-        ``to_pyvista(spheres=True).plot()``.
-        """
-        from . import _surfaces
-
-        if not spheres:
-            return _surfaces.points(self.grains)
-        if "template" in self.columns:
-            return _surfaces.polyhedra(self.read("vtp"))
-        if "a_mm" in self.columns:
-            return _surfaces.ellipsoids(self.grains, self.columns, resolution)
-        return _surfaces.spheres(self.grains, resolution)
-
-    def to_meshio(self) -> meshio.Mesh:
-        """Returns the centres as vertices with the point data ``diameter_mm``. Needs meshio.
-
-        For surfaces save a mesh: ``save("a.msh")`` writes a file that meshio reads.
-        """
-        import meshio
-        import numpy as np
-
-        return meshio.Mesh(
-            self.positions.copy(),
-            {"vertex": np.arange(len(self.grains)).reshape(-1, 1)},
-            point_data={"diameter_mm": self.diameters.copy()},
-        )
-
-    def read(self, format: FileFormat, *, timeout: float | None = None, **options: Any) -> bytes:
-        """Returns the packing in a file format, as :meth:`save` writes it."""
-        return self._source.read(_file(format, options), timeout)
+        return self._source.read(file_of(format, options), timeout)
 
     def save(
         self,
@@ -223,132 +117,186 @@ class Packing:
         format: FileFormat | None = None,
         *,
         timeout: float | None = None,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> Path:
-        """Writes the packing to a file and returns the path.
+        """Writes the packing to a file and returns the path. :func:`load` reads it again.
 
-        The format is that of the suffix if it is not named: the grains as ``json``, ``csv``, ``npy``, ``vtp``,
-        ``vtk`` or ``view``; ``html``, a page with a viewer; or an export, as ``msh``, ``vti``, ``raw``, ``inp``,
-        ``svg`` or ``png``. Exports have options, as ``save("a.msh", segments=24)``. A server makes them when they
-        are first needed, and this waits for it, at most `timeout` in s. Missing folders are created, and a file of
-        the same name is replaced. Beside a mesh ``a.msh`` the script ``a.msh.geo`` is written, which Gmsh opens to fill
-        it: ``gmsh -3 a.msh.geo -o model.msh``.
+        Parameters
+        ----------
+        path
+            The file. Missing folders are created. Beside a mesh ``a.msh`` the script ``a.msh.geo`` is written, which
+            Gmsh opens to fill it: ``gmsh -3 a.msh.geo -o model.msh``.
+        format
+            That of the suffix if it is not named: the grains as ``json`` (with everything that is known of them),
+            ``csv``, ``npy``, ``vtp``, ``vtk`` or ``view``; ``html``, a page with a viewer; or the export that the
+            suffix names: ``msh``, ``vti``, ``raw``, ``inp`` (voxels), ``svg`` or ``png``. :meth:`export` makes all.
+        timeout
+            Longest wait in s for a server, which makes exports when they are first needed.
+        overwrite
+            Whether a file of the same name is replaced.
+        **options
+            Those of the export, as ``save("a.msh", segments=24)``.
+
+        Raises
+        ------
+        FileExistsError
+            If the file exists.
+        ValueError
+            If the format is unknown, or has no such option.
+
+        Examples
+        --------
+        >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+        >>> packing.save("grains.vtp").name
+        'grains.vtp'
+        >>> packing.save("grains.vtp")
+        Traceback (most recent call last):
+        FileExistsError: grains.vtp exists: choose another name, or pass overwrite=True
         """
-        file, path = _file(format or Path(path).suffix.removeprefix(".").lower(), options), Path(path)
+        file, path = file_of(format or Path(path).suffix.removeprefix(".").lower(), options), Path(path)
+        _files.refuse_existing(path, overwrite)
         self._source.save(file, path, timeout)
         if file.type is not None:
             _files.write_companion(path, file.type, {"format": file.format, **file.options})
         return path
 
-    def export(
-        self,
-        type: ExportType,
-        path: str | PathLike[str],
-        *,
-        format: ExportFormat | None = None,
-        timeout: float | None = None,
-        **options: Any,
-    ) -> dict[str, Any]:
-        """Writes an export of any type and format to a file, and returns its figures, such as a number of triangles.
-
-        The types are ``mesh``, ``voxels``, ``slice``, ``deck``, ``ldpm``, ``certificates``, ``shapes``, ``quality`` and
-        ``properties``.
-        The format is the first of the type's formats if it is not named, whatever the suffix. An option that is a word
-        of Python has an underscore behind it: ``export("voxels", "a.vti", for_="damask")``. Beside a mesh for Gmsh its
-        script is written, as :meth:`save` does. A server does not keep the file: :meth:`Job.export` does. `timeout`
-        limits the wait for a server, in s.
-        """
-        given = named(options if format is None else {"format": format, **options})
-        report = self._source.export(type, given, Path(path), timeout)
-        _files.write_companion(Path(path), type, given)
-        return report
-
-    def quality(self, *, timeout: float | None = None) -> dict[str, Any]:
+    def quality(self, *, timeout: float | None = None) -> QualityReport:
         """Measures whether the packing is random: gaps, contacts, bond order, walls and blocks, by size.
 
-        The keys are those of the export ``quality``, and lengths are in mm. `timeout` limits the wait for a server, in
-        s.
+        The keys are those of the export ``quality``, and lengths are in mm.
+
+        Examples
+        --------
+        >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+        >>> packing.quality()["grains"] == len(packing)
+        True
         """
-        report: dict[str, Any] = json.loads(self._source.read(File("json", "quality", {}), timeout))
+        report: QualityReport = json.loads(self._source.read(File("json", "quality", {}), timeout))
         return report
 
+    @overload
     def plot(
         self,
-        kind: PackingPlotKind,
+        kind: PackingPlotKind = "grading",
         path: str | PathLike[str] | None = None,
         *,
         title: bool = True,
         theme: Theme = "light",
-    ) -> Svg:
-        """Returns a plot of the packing, and saves it if there is a `path`.
+        overwrite: bool = False,
+    ) -> Svg: ...
+    @overload
+    def plot(
+        self, kind: Literal["grading", "section", "distance", "zingg"] = "grading", *, ax: Axes, title: bool = True
+    ) -> Axes: ...
+    def plot(
+        self,
+        kind: str = "grading",
+        path: str | PathLike[str] | None = None,
+        *,
+        title: bool = True,
+        theme: Theme = "light",
+        overwrite: bool = False,
+        ax: Axes | None = None,
+    ) -> Svg | Axes:
+        """Draws a plot: as SVG, which notebooks show, or with `ax` into axes of matplotlib.
 
-        ``grading``: the target curve and the actual one; ``distance``: the distance of grown grains against
-        time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth;
-        ``zingg`` and ``flakiness``: the forms of grains that are no spheres, and their flakiness index by size;
-        ``quality``: volumes near the walls, near pairs and bond order, each against chance.
-        The theme ``dark`` has light strokes without a ground. A plot for which the packing has no data is refused.
+        Parameters
+        ----------
+        kind
+            ``grading``: the target and the actual grading; ``distance``: the distance of grown grains against
+            time; ``radial``: the pair correlation function; ``profile``: the volume fraction against the depth;
+            ``zingg`` and ``flakiness``: the forms of grains that are not spheres, and their flakiness index by size;
+            ``quality``: volumes near the walls, near pairs and bond order, each against chance. In axes of matplotlib
+            ``grading``, ``distance``, ``zingg``, and ``section``, the cross-section through the middle.
+        path
+            A file for the SVG.
+        title
+            Whether the plot has a title.
+        theme
+            ``dark`` has light strokes without a ground.
+        overwrite
+            Whether a file of the same name is replaced.
+        ax
+            Axes of matplotlib, which are returned.
+
+        Raises
+        ------
+        ValueError
+            For a plot that the packing has no data for.
+
+        Examples
+        --------
+        >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+        >>> packing.plot("grading", "grading.svg")[:4]
+        '<svg'
+        >>> import matplotlib.figure
+        >>> packing.plot("section", ax=matplotlib.figure.Figure().subplots()).get_xlabel()
+        'x in mm'
         """
-        svg = Svg(self._source.plot(kind, title, theme))
+        if ax is not None:
+            return _matplotlib.draw(self, kind, ax, title)
         if path is not None:
-            svg.save(path)
+            _files.refuse_existing(path, overwrite)
+        svg = Svg(self._source.plot(cast("PackingPlotKind", kind), title, theme))
+        if path is not None:
+            svg.save(path, overwrite=overwrite)
         return svg
 
     def view(self, *, height_px: int = 640) -> View | Viewer:
         """Returns the packing in three dimensions, which notebooks show: the viewer of the web page, in a frame.
 
         Of more than a million grains it shows the largest. With anywidget (``packstone[jupyter]``) it is a widget,
-        else HTML that stays in a notebook which is saved. ``save("a.html")`` writes the same page for a browser.
+        else HTML. A saved notebook has a cross-section beside either, which stays where the viewer cannot run.
+        ``save("a.html")`` writes the same page for a browser.
         """
-        page = self.read("html").decode()
+        page, png = self.read("html").decode(), self._repr_png_()
         if find_spec("anywidget") is None:
-            return View(page, height_px)
+            return View(page, height_px, png)
         from .jupyter import Viewer
 
-        return Viewer(page=page, height_px=height_px)
-
-    def __len__(self) -> int:
-        return int(self.report["summary"]["grains"])
-
-    def __bool__(self) -> bool:
-        # Otherwise a truth test would fetch the report, and a packing without grains would be false.
-        return True
+        return Viewer.of(page, height_px, png)
 
     def __getstate__(self) -> dict[str, Any]:
-        # The copy reads report and grains anew from its source.
-        return {"_source": self._source}
+        return {"_source": self._source.in_memory()}
 
     def __repr__(self) -> str:
-        return f"<Packing of {self._source.title}>"
+        title = f"Packing of {self._source.title}"
+        try:
+            return f"<{title}: {', '.join(self._figures())}>"
+        except (PackstoneError, ValueError):
+            # A table has no figures, and a server may not answer.
+            return f"<{title}>"
+
+    def _figures(self) -> list[str]:
+        figures = [] if "grains" in self._source.title else [f"{len(self)} grains"]
+        specimen, summary = self.specimen, self.summary
+        if isinstance(specimen, Box):
+            kind = "periodic box" if specimen.get("boundary") == "periodic" else "box"
+            figures.append(f"{kind} of {' x '.join(f'{edge:g}' for edge in specimen['size_mm'])} mm")
+        else:
+            figures.append(f"cylinder of {specimen['diameter_mm']:g} mm, {specimen['height_mm']:g} mm high")
+        figures.append(f"volume fraction {self.volume_fraction:.4g}")
+        distance = summary.get("distance_mm")
+        rule = self.request["distance"]["type"] if distance is None else f"{distance:g} mm"
+        figures.append(f"distance {rule}")
+        if self.partial is not None:
+            figures.append(f"partial ({self.partial['reason']})")
+        return [*figures, f"seed {self.seed}"]
 
     def _repr_png_(self) -> bytes | None:
         """A cross-section through the middle; `None` if the packing does not give one."""
         try:
             return self.read("png", timeout=10, pixels=480)
-        except PackstoneError:
+        except (PackstoneError, ValueError):
             return None
 
     def _repr_html_(self) -> str:
-        rows = {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}
-        if self.partial is not None:
-            rows = {"partial": self.partial["reason"], **rows}
+        try:
+            rows = {name: value for name, value in self.summary.items() if not isinstance(value, (dict, list))}
+            if self.partial is not None:
+                rows = {"partial": self.partial["reason"], **rows}
+        except ValueError:
+            # Of a table.
+            rows = {"grains": len(self)}
         return _html.card(f"Packing of {self._source.title}", rows, png=self._repr_png_())
-
-
-def check_format(format: str) -> None:
-    """Raises a `ValueError` if a format is unknown or does not name one file."""
-    known = [*get_args(TableFormat), *TYPE_OF_SUFFIX]
-    if format in AMBIGUOUS_SUFFIXES:
-        raise ValueError(
-            f"{format!r} does not name one export: use export(type, path, format=...), "
-            'as packing.export("mesh", "surfaces.zip", format="stl")'
-        )
-    if format not in known:
-        raise ValueError(f"{format!r} is not a format of packings: must be one of {', '.join(known)}")
-
-
-def _file(format: str, options: Mapping[str, Any]) -> File:
-    check_format(format)
-    type = TYPE_OF_SUFFIX.get(format)
-    if type is None and options:
-        raise TypeError(f"the format {format!r} has no options: {', '.join(options)}")
-    return File(format, type, named(options))

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar
 
 from . import _native
 from .errors import PackstoneError
-from .local import refusals
+from ._refusals import refusals
 
 SieveUnit = Literal["mm", "um", "in", "us_sieve", "bs_mesh", "tyler_mesh", "phi"]
 Verdict = Literal["ok", "warn", "ask", "refuse"]

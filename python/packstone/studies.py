@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from . import _html, _tables, _warnings
+from . import _files, _html, _tables, _warnings
 from ._columns import Labels
 from ._listing import pages
 from ._progress import Progress
@@ -17,12 +17,15 @@ from ._remote import Remote
 from ._resource import Resource
 from ._transport import document
 from .jobs import Job, State
-from .packings import FileFormat, Packing, check_format
+from ._sources import FileFormat, Theme, file_of
+from .packings import Packing
 from .svg import Svg
 
 if TYPE_CHECKING:
     import pandas as pd
     from typing_extensions import TypedDict, Unpack
+
+    from .options import FileOptions
 
     class StudyChanges(TypedDict, total=False):
         """What :meth:`Study.update` changes."""
@@ -49,13 +52,33 @@ SUMMARY_COLUMNS = ("volume_fraction_reached", "distance_mm_reached", "method_use
 def steps(first: float, last: float, by: float) -> dict[str, float]:
     """Returns an axis of a study with evenly spaced values, both ends included.
 
-    The server computes the values, so that ``steps(0.55, 0.70, 0.005)`` contains 0.585, not 0.5850000000000001.
+    The engine computes the values, so that ``steps(0.55, 0.70, 0.005)`` contains 0.585, not 0.5850000000000001.
+
+    Parameters
+    ----------
+    first, last
+        Both ends.
+    by
+        The step.
+
+    Examples
+    --------
+    >>> packstone.steps(0.3, 0.5, 0.1)
+    {'from': 0.3, 'to': 0.5, 'step': 0.1}
     """
     return {"from": first, "to": last, "step": by}
 
 
 class Study(Resource):
-    """A study as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again."""
+    """A study as it was when it was last read; :meth:`refresh` and :meth:`wait` read it again.
+
+    Examples
+    --------
+    >>> job = {"specimen": 40, "mix": packstone.Mix("A16", 0.2, d_min_mm=4)}
+    >>> study = client.study(template=job, grid={"/mix/volume_fraction": packstone.steps(0.1, 0.3, 0.1)}, seed=1)
+    >>> study.wait().to_dataframe()["success_rate"].tolist()
+    [1.0, 1.0, 1.0]
+    """
 
     @property
     def finished(self) -> bool:
@@ -150,25 +173,43 @@ class Study(Resource):
         names: Mapping[str, str] | None = None,
         parallel: int = 4,
         progress: bool = False,
-        **options: Any,
+        overwrite: bool = False,
+        **options: Unpack[FileOptions],
     ) -> list[Path]:
         """Saves the packings of all jobs that have succeeded, and returns the paths, oldest job first.
 
-        `name` is a pattern without suffix, as ``"{volume_fraction}-{seed}"``. Its fields are the columns of
-        :meth:`runs`; the default names the values of the point and the seed. Characters that do not belong into
-        file names become underscores. Two jobs of the same name are an error, before anything is saved.
-        Missing folders are created, `parallel` files are fetched at the same time, and `options` are those
-        of :meth:`Packing.save`.
+        Parameters
+        ----------
+        directory
+            The folder, which is created.
+        format
+            As that of :meth:`Packing.save`.
+        name
+            A pattern without suffix, as ``"{volume_fraction}-{seed}"``. Its fields are the columns of :meth:`runs`; the
+            default names the values of the point and the seed. Characters that do not belong into file names become
+            underscores. Two jobs of the same name are an error, before anything is saved.
+        labels, names
+            As those of :meth:`to_dataframe`.
+        parallel
+            The number of files that are fetched at the same time.
+        progress
+            Whether a bar is shown.
+        overwrite
+            Whether files of the same names are replaced; otherwise they are an error, before anything is saved.
+        **options
+            As those of :meth:`Packing.save`.
         """
-        check_format(format)
+        file_of(format, options)
         columns, rows = self._runs(labels, names)
         rows = [row for row in rows if row["state"] == "succeeded"]
         paths = _tables.paths(Path(directory), rows, columns, name, format)
+        for path in paths:
+            _files.refuse_existing(path, overwrite)
         jobs = [f"/v1/jobs/{row['id']}" for row in rows]
         Path(directory).mkdir(parents=True, exist_ok=True)
 
         def save(job: str, path: Path) -> Path:
-            return Packing(Remote(self._transport, job, path.stem)).save(path, format, **options)
+            return Packing(Remote(self._transport, job, path.stem)).save(path, format, overwrite=overwrite, **options)
 
         saved: list[Path] = []
         bar = Progress(f"saving {self._title}") if progress else None
@@ -186,25 +227,41 @@ class Study(Resource):
         *,
         x: str | None = None,
         log_x: bool | None = None,
-        **options: Any,
+        title: bool = True,
+        theme: Theme = "light",
+        overwrite: bool = False,
     ) -> Svg:
-        """Returns a plot of the table, and saves it if there is a `path`.
+        """Returns a plot of the table, and saves it if there is a `path`. A plot for which no run has data is refused.
 
-        ``success`` rate, ``time`` per success, ``distance`` reached, ``volume_fraction`` or ``event_time``
-        against `x`, which is a column, ``grains`` or ``volume_fraction_effective``; ``curve``: distance against
-        packing time. Of jobs that compute ``properties``: ``youngs_modulus``, ``expansion``, ``conductivity`` or
-        ``diffusivity`` with each packing, and their ``representative_volume``. ``title=False`` leaves the title out.
-        A plot for which no run has data is refused.
+        Parameters
+        ----------
+        kind
+            ``success`` rate, ``time`` per success, ``distance`` reached, ``volume_fraction`` or ``event_time``
+            against `x`; ``curve``: distance against packing time. Of jobs that compute ``properties``:
+            ``youngs_modulus``, ``expansion``, ``conductivity`` or ``diffusivity`` with each packing, and their
+            ``representative_volume``.
+        path
+            A file for the SVG.
+        x
+            A column, ``grains`` or ``volume_fraction_effective``.
+        log_x
+            Whether the axis of `x` is logarithmic.
+        title
+            Whether the plot has a title.
+        theme
+            ``dark`` has light strokes without a ground.
+        overwrite
+            Whether a file of the same name is replaced.
         """
         response = self._transport.request(
             "GET",
             f"{self.path}/plots/{kind}",
-            params={"x": x, "log_x": log_x, **options},
+            params={"x": x, "log_x": log_x, "title": title, "theme": theme},
             headers={"accept": "image/svg+xml"},
         )
         svg = Svg(response.text)
         if path is not None:
-            svg.save(path)
+            svg.save(path, overwrite=overwrite)
         return svg
 
     def update(self, *, if_unchanged: bool = False, **changes: Unpack[StudyChanges]) -> Study:

@@ -13,8 +13,12 @@ class Svg(str):
 
     __slots__ = ()
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Writes the plot to a file and returns its path. Missing folders are created."""
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> Path:
+        """Writes the plot to a file and returns its path. Missing folders are created.
+
+        Raises `FileExistsError` if the file exists, unless `overwrite`.
+        """
+        _files.refuse_existing(path, overwrite)
         return _files.write(path, self.encode())
 
     def _repr_svg_(self) -> str:

@@ -7,4 +7,4 @@ import packstone
 
 def grains_of(job: packstone.Job) -> int:
     """Waits for a job and returns its number of grains."""
-    return len(job.result(timeout=60).to_numpy())
+    return len(job.result(timeout=60).grains)

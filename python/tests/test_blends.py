@@ -11,7 +11,7 @@ import pytest
 from live_server import LiveServer
 from packstone import Box, Grading, Mix, PackstoneError
 from packstone.readings import MixBand
-from scipy.optimize import minimize  # type: ignore[import-untyped]
+from scipy.optimize import minimize
 
 SIEVES = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16]
 

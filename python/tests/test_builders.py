@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 
+import mixes
 import numpy as np
 import packstone
 import pytest
@@ -21,12 +22,13 @@ from packstone import (
     Segregation,
     Shape,
 )
+from packstone._requests import encoded
 
 
 def test_builders_are_the_dictionaries_of_requests() -> None:
     assert Box(150) == {"type": "box", "size_mm": [150, 150, 150]}
     assert Box(40, 50, 160, boundary="periodic")["size_mm"] == [40, 50, 160]
-    with pytest.raises(TypeError, match="one edge length or three"):
+    with pytest.raises(ValueError, match="one edge length or three"):
         Box(40, 50)
     assert Mix("A16", 0.7, d_min_mm=2) == {
         "grading": {"type": "standard", "name": "A16"},
@@ -168,3 +170,54 @@ def test_the_largest_distance_is_looked_for(client: packstone.Client) -> None:
     mix = Mix(Grading.diameters([10.0] * 20))
     plan = client.plan(specimen=Box(60), mix=mix, distance=Distance.maximize(), segregation=Segregation.none())
     assert plan["grains"] == 20
+
+
+def test_edges_of_a_box_may_be_one_value() -> None:
+    assert Box((60, 40, 20)) == Box(60, 40, 20) == Box([60, 40, 20])
+    assert json.loads(encoded(Box(np.array([60, 40, 20]), boundary="periodic")))["size_mm"] == [60, 40, 20]
+    for edges in [(60, 40), (60, 40, 20, 10)]:
+        with pytest.raises(ValueError, match=f"x_mm: {len(edges)} edge lengths: a box has one or three"):
+            Box(edges)
+    with pytest.raises(ValueError, match="z_mm: x_mm has all edges"):
+        Box((60, 40, 20), z_mm=20)
+
+
+def test_short_forms_are_written_out(client: packstone.Client) -> None:
+    whole = mixes.quick() | {"method": {"type": "rsa"}}
+    short = whole | {"specimen": (40, 40, 40), "distance": 0.2, "method": "rsa"}
+    packing = packstone.pack(whole)
+    for job in (short, short | {"specimen": 40}, short | {"distance": np.float64(0.2)}):
+        again = packstone.pack(job)
+        assert np.array_equal(again.grains, packing.grains)
+        assert again.request == packing.request
+    assert client.submit(short).result().request["method"] == {"type": "rsa"}
+    assert packstone.pack(whole, distance="none").request["distance"] == {"type": "none"}
+    with pytest.raises(ValueError, match=r'method\.type: "rsq" is unknown: must be one of'):
+        packstone.pack(whole, method="rsq")  # type: ignore[arg-type]  # pyright: ignore[reportArgumentType]
+
+
+def test_short_forms_in_studies() -> None:
+    template = mixes.without(mixes.quick(), "seed") | {"distance": 0.2}
+    study = packstone.study(template=template, grid={"/method": ["rsa", "edmd"], "/distance": [0.1, 0.2]}, seed=1)
+    assert [row["method"] for row in study.runs()] == ["rsa", "rsa", "edmd", "edmd"]
+    jobs = packstone.study(list=[template, template | {"method": "edmd"}], seed=1)
+    assert {row["outcome"] for row in jobs.runs()} == {"succeeded"}
+
+
+def test_percent_is_said_and_never_guessed() -> None:
+    table = [(4, 0), (8, 60.5), (16, 100)]
+    curve = Grading.sieves(table, percent=True)
+    assert curve["points"] == [[4, 0], [8, 0.605], [16, 1]] and Grading.sieves(np.array(table), percent=True) == curve
+    with pytest.raises(ValueError, match="points: 60.5 passes 8 mm, which is no fraction from 0 to 1: pass percent=Tr"):
+        Grading.sieves(table)
+    # Percent that look like fractions, and fractions that are said to be percent.
+    with pytest.raises(ValueError, match="percent: the largest of points is 1, which is a fraction: leave percent out"):
+        Grading.sieves([(4, 0), (8, 0.5), (16, 1)], percent=True)
+    with pytest.raises(ValueError, match="points: 101 passes 16 mm, which is more than 100 percent"):
+        Grading.sieves([(4, 0), (8, 60.5), (16, 101)], percent=True)
+    with pytest.raises(ValueError, match=r"points: \[4, 0, 1\] must have 2 numbers"):
+        Grading.sieves([(4, 0, 1)])
+    classes = Grading.classes([(4, 8, 40), (8, 16, 60)], percent=True)
+    assert [item["mass_fraction"] for item in classes["classes"]] == [0.4, 0.6]
+    with pytest.raises(ValueError, match="classes: 40 is the share of 4 to 8 mm, which is no fraction"):
+        Grading.classes([(4, 8, 40), (8, 16, 60)])

@@ -41,7 +41,7 @@ def test_a_key_opens_the_server(locked_server: LiveServer, monkeypatch: pytest.M
     monkeypatch.setenv("PACKSTONE_URL", locked_server.url)
     monkeypatch.setenv("PACKSTONE_API_KEY", KEY)
     with packstone.Client() as client:
-        assert client.submit(mixes.quick()).result().to_numpy().shape[1] == 4
+        assert client.submit(mixes.quick()).result().grains.shape[1] == 4
 
 
 def test_an_id_is_one_segment_of_the_path(proxy: FaultyProxy) -> None:

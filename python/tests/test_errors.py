@@ -20,16 +20,33 @@ def test_every_fault_is_named_at_its_place(client: packstone.Client) -> None:
     pointers = {fault.pointer for fault in error.errors}
     assert pointers == {"/mix/volume_fraction", "/specimen/size_mm/1", "/colour"}
     first, *others = str(error).splitlines()
-    assert first == "Invalid field:"
-    assert any(line.startswith("  /mix/volume_fraction: 1.4 ") for line in others)
+    assert first == "Invalid argument:" and isinstance(error, ValueError)
+    assert any(line.startswith("  mix.volume_fraction: 1.4 ") for line in others)
     assert len(others) == 3
 
 
 def test_a_single_fault_is_one_line(client: packstone.Client) -> None:
-    with pytest.raises(packstone.PackstoneError, match=r"^Invalid field: /seed: -1 ") as refused:
+    with pytest.raises(packstone.PackstoneError, match=r"^Invalid argument: seed: -1 ") as refused:
         client.submit(mixes.quick(seed=-1))
-    assert refused.value.detail.startswith("/seed")
-    assert [fault.place for fault in refused.value.errors] == ["/seed"]
+    assert refused.value.detail.startswith("seed: -1")
+    assert [fault.place for fault in refused.value.errors] == ["seed"]
+    assert [fault.pointer for fault in refused.value.errors] == ["/seed"]
+
+
+def test_errors_name_arguments_in_this_process_too() -> None:
+    job: mixes.Json = mixes.quick() | {"sed": 3}
+    job["specimen"]["size_mm"] = [40, -1, 40]
+    with pytest.raises(ValueError, match=r"specimen\.size_mm\[1\]: -1 is out of range") as refused:
+        packstone.pack(job)
+    assert isinstance(refused.value, packstone.InvalidRequest)
+    assert str(refused.value).endswith("; did you mean seed?") and "\n  sed: unknown field" in str(refused.value)
+    template = mixes.without(mixes.quick(), "seed")
+    with pytest.raises(ValueError, match=r'grid\["/mix/volume_fraction"\]\[1\]: ') as refused:
+        packstone.study(template=template, grid={"/mix/volume_fraction": [0.2, 3]})
+    # What the server or a run cannot do is no fault of an argument.
+    with pytest.raises(packstone.TargetNotReached) as missed:
+        packstone.pack(mixes.unreachable())
+    assert not isinstance(missed.value, ValueError)
 
 
 def test_faults_of_a_query_name_the_parameter(client: packstone.Client) -> None:

@@ -11,7 +11,8 @@ import numpy as np
 import packstone
 import pytest
 from faulty_proxy import CutAfter, FaultyProxy
-from packstone.packings import MIXED_COLUMNS, FileFormat
+from packstone._tabular import MIXED
+from packstone._sources import FileFormat
 
 
 @pytest.fixture
@@ -20,7 +21,7 @@ def result(client: packstone.Client) -> packstone.Packing:
 
 
 def test_arrays_tables_and_files_agree(result: packstone.Packing, tmp_path: Path) -> None:
-    spheres = result.to_numpy()
+    spheres = result.grains
     assert spheres.shape == (result.summary["grains"], 4) and spheres.dtype == np.float64
     assert (np.diff(spheres[:, 3]) <= 0).all(), "largest first"
     written = json.loads(result.save(tmp_path / "packing.json").read_text())
@@ -38,7 +39,7 @@ def test_the_aggregate_of_each_grain_is_a_column(client: packstone.Client) -> No
     result = client.submit(mixes.quick() | {"mix": mix}).result()
     table = result.to_dataframe()
     assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "d_mm", "aggregate"]
-    counted = [aggregate["grains"] for aggregate in result.summary["aggregates"]]
+    counted = [aggregate["grains"] for aggregate in result.summary.get("aggregates", [])]
     assert counted == table.groupby("aggregate").size().to_list()
     assert (table["d_mm"][table["aggregate"] == 1] == 5).all()
 
@@ -73,27 +74,39 @@ def test_folders_are_created(result: packstone.Packing, tmp_path: Path) -> None:
 
 
 def test_other_libraries_take_the_grains(result: packstone.Packing) -> None:
-    grains = result.to_numpy()
+    grains = result.grains
     points = result.to_pyvista()
     assert np.array_equal(points.points, grains[:, :3].astype(points.points.dtype))
     assert np.array_equal(points["diameter_mm"], grains[:, 3])
-    surfaces = result.to_pyvista(spheres=True, resolution=8)
+    surfaces = result.to_pyvista("surfaces", resolution=8)
     assert surfaces.n_cells > 8 * len(grains)
     top = (grains[:, 2] + grains[:, 3] / 2).max()
     assert surfaces.bounds[5] == pytest.approx(top, abs=1e-3)
-    mesh = result.to_meshio()
-    assert np.array_equal(mesh.points, grains[:, :3])
-    assert np.array_equal(mesh.point_data["diameter_mm"], grains[:, 3])
+    mesh = result.to_meshio(segments=8)
+    assert mesh.cells_dict["triangle"].shape[1] == 3 and {"aggregates", "matrix"} <= set(mesh.cell_sets)
+    assert result.to_pyvista("mesh", segments=8).n_points == len(mesh.points)
+    volume = (np.pi / 6 * grains[:, 3] ** 3).sum()
+    surface = result.to_trimesh(segments=8)
+    assert surface.is_watertight and surface.volume == pytest.approx(volume, rel=1e-4)
+    voxels = result.voxels(20)
+    image = result.to_pyvista("voxels", cells=20)
+    assert voxels.shape == (20, 20, 20) and image.dimensions == (21, 21, 21)
+    assert voxels.mean() == pytest.approx(volume / 40**3, rel=0.1)
+    # The first index counts along x.
+    centre = (grains[0, :3] / 2).astype(int)
+    assert result.voxels(20, label="grain")[tuple(centre)] == 1
+    with pytest.raises(ValueError, match="kind: 'spheres' is unknown: must be one of points, surfaces, voxels, mesh"):
+        result.to_pyvista("spheres")  # type: ignore[call-overload]  # pyright: ignore
 
 
 def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
     result = client.submit(mixes.ellipsoids()).result()
-    grains = result.to_numpy()
+    grains = result.grains
     assert grains.shape == (result.summary["grains"], 12)
     table = result.to_dataframe()
     assert np.allclose(table["b_mm"] / table["a_mm"], 0.8) and np.allclose(table["c_mm"] / table["b_mm"], 0.6)
     assert np.allclose(table["d_mm"] ** 3, 8 * table["a_mm"] * table["b_mm"] * table["c_mm"])
-    surfaces = result.to_pyvista(spheres=True, resolution=24)
+    surfaces = result.to_pyvista("surfaces", resolution=24)
     volume = (np.pi / 6 * grains[:, 3] ** 3).sum()
     assert surfaces.volume == pytest.approx(volume, rel=0.05) and surfaces.volume < volume
     assert surfaces.bounds[0] >= 0 and surfaces.bounds[5] <= 40
@@ -102,11 +115,11 @@ def test_ellipsoids_have_axes_and_surfaces(client: packstone.Client) -> None:
 def test_ellipsoids_and_polyhedra_have_columns_of_both(client: packstone.Client) -> None:
     result = client.submit(mixes.mixed()).result()
     table = result.to_dataframe()
-    assert tuple(table.columns) == MIXED_COLUMNS
+    assert tuple(table.columns) == MIXED
     of_template = table["template"] >= 0
     assert 0 < of_template.sum() < len(table) and len(result.templates()) == 3
     assert (table["a_mm"][of_template] == 0).all() and (table["template"][~of_template] == -1).all()
-    surfaces = result.to_pyvista(spheres=True)
+    surfaces = result.to_pyvista("surfaces")
     assert set(surfaces.cell_data["id"]) == set(range(len(table)))
 
 
@@ -128,7 +141,7 @@ def test_several_aggregates_have_the_surfaces_of_their_shapes(client: packstone.
     assert ("template" in here.columns) == (POLYHEDRON in shapes)
     assert list(here.to_dataframe().columns) == list(here.columns)
     for packing in (here, there):
-        surfaces = packing.to_pyvista(spheres=True, resolution=32)
+        surfaces = packing.to_pyvista("surfaces", resolution=32)
         # Inscribed surfaces have less volume than the spheres of equal volume that the column d_mm states.
         volume = (np.pi / 6 * packing.diameters**3).sum()
         assert 0.85 * volume < surfaces.triangulate().volume < 1.001 * volume, packing.columns
@@ -146,9 +159,11 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(client: packstone.Client, t
     result = job.result()
     path = tmp_path / "a.csv"
     path.write_text("of last week")
+    with pytest.raises(FileExistsError, match="a.csv exists: choose another name, or pass overwrite=True"):
+        result.save(path)
     job.delete()
     with pytest.raises(packstone.PackstoneError):
-        result.save(path)
+        result.save(path, overwrite=True)
     assert path.read_text() == "of last week"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -156,12 +171,12 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(client: packstone.Client, t
 def test_a_broken_download_goes_on_where_it_was(proxy: FaultyProxy, pauses: list[float]) -> None:
     with packstone.Client(proxy.url) as client:
         job = client.submit(mixes.quick())
-        whole = job.result().to_numpy()
+        whole = job.result().grains
         result = job.result()
         proxy.seen.clear()
         proxy.faults.extend([CutAfter(100), CutAfter(50)])
-        assert np.array_equal(result.to_numpy(), whole)
-        assert result.to_numpy() is result.to_numpy(), "it is fetched once"
+        assert np.array_equal(result.grains, whole)
+        assert result.grains is result.grains, "it is fetched once"
     ranges = [seen.headers["range"] for seen in proxy.seen]
     assert ranges == [None, "bytes=100-", "bytes=150-"]
     assert len(pauses) == 2

@@ -11,6 +11,7 @@ import mixes
 import numpy as np
 import packstone
 import pytest
+from packstone._sources import PACKING_PLOT_KINDS
 from faulty_proxy import AnswerLost, FaultyProxy
 
 PHI, METHOD = "/mix/volume_fraction", "/method/type"
@@ -115,7 +116,7 @@ def test_all_packings_are_saved_by_their_values(study: packstone.Study, tmp_path
     for path, job in zip(saved, study.jobs(), strict=True):
         fraction, method = job.request["mix"]["volume_fraction"], job.request["method"]["type"]
         assert path == tmp_path / "new" / "all" / method / f"{fraction:.3f}-{job.seed}.npy"
-        assert np.array_equal(np.load(path), job.result().to_numpy())
+        assert np.array_equal(np.load(path), job.result().grains)
 
 
 def test_names_of_saved_files(
@@ -153,7 +154,7 @@ def test_the_jobs_of_a_study_are_jobs(client: packstone.Client, study: packstone
     assert len({job.seed for job in jobs}) == 6, "a seed per volume fraction and replicate"
     assert {job.id for job in client.jobs(study=study.id)} == {job.id for job in jobs}
     assert list(study.jobs(state="failed")) == []
-    assert jobs[0].result().to_numpy().shape[1] == 4
+    assert jobs[0].result().grains.shape[1] == 4
 
 
 def test_plots_of_a_study(study: packstone.Study, tmp_path: Path) -> None:
@@ -172,7 +173,7 @@ def test_plots_of_a_job(client: packstone.Client, tmp_path: Path) -> None:
     # Grains enough for a pair correlation function.
     document["mix"]["d_min_mm"] = 2
     job = client.submit(document).wait()
-    available = set(packstone.packings.PACKING_PLOT_KINDS) - {"distance", "zingg", "flakiness"}
+    available = set(PACKING_PLOT_KINDS) - {"distance", "zingg", "flakiness"}
     for kind in available:
         assert "</svg>" in job.plot(kind, tmp_path / f"{kind}.svg"), kind
     assert {path.stem for path in tmp_path.iterdir()} == available
