@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 
 use super::body::{Ellipsoid, Polyhedron};
+use super::region::Region;
 use super::separation::{Direction, Image, Verdict, ellipsoids, mixed, polyhedra};
 use super::walls;
 use crate::arrays::Each as _;
-use crate::request::Specimen;
 use crate::shape::{Pose, SolidRef};
 
 /// A convex body.
@@ -27,7 +27,7 @@ pub(super) trait Convex: Sync {
 
     /// Gap between the body and the nearest wall, and whether it is at least `required`. Walls farther away than
     /// `enough` may be left out of the gap.
-    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool);
+    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool);
 }
 
 impl Convex for Ellipsoid {
@@ -52,8 +52,8 @@ impl Convex for Ellipsoid {
         ellipsoids::Pair::new(self, other, *image).judge(required, enough)
     }
 
-    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
-        walls::ellipsoid::wall_gap(self, specimen, required, enough)
+    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool) {
+        walls::ellipsoid::wall_gap(self, region, required, enough)
     }
 }
 
@@ -139,10 +139,10 @@ impl Convex for Body<'_> {
         }
     }
 
-    fn wall_gap(&self, specimen: &Specimen, required: f64, enough: f64) -> (f64, bool) {
+    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool) {
         match self {
-            Self::Ellipsoid(body) => body.wall_gap(specimen, required, enough),
-            Self::Polyhedron(body) => walls::polyhedron::wall_gap(body, specimen, required),
+            Self::Ellipsoid(body) => body.wall_gap(region, required, enough),
+            Self::Polyhedron(body) => walls::polyhedron::wall_gap(body, region, required),
         }
     }
 }

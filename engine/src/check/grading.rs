@@ -21,12 +21,11 @@
 //! `F` and the classes are computed here from the grading itself, not taken from the sampler
 //! ([`crate::mix::sampling`]); the numbers of a curve or a law ([`Form`]) are data that both read.
 
-use std::f64::consts::FRAC_PI_4;
-
 use super::asked::{Asked, asked, class, class_of, share_between, volume_mm3};
+use super::region::Region;
 use super::{Extent, counted};
 use crate::packing::{AggregateReport, ClassReport};
-use crate::request::{Mix, MixPart, PackingRequest, Specimen};
+use crate::request::{Mix, MixPart, PackingRequest};
 use crate::sorting;
 
 /// Sums of millions of volumes agree to this.
@@ -153,7 +152,7 @@ fn check_drawn(
 ) -> Result<Graded, String> {
     let mix = &request.mix;
     let parts = mix.parts();
-    let specimen_mm3 = specimen_volume_mm3(&request.specimen);
+    let specimen_mm3 = Region::new(&request.specimen).volume_mm3;
     let fraction = match mix.count {
         None => mix.requested_fraction().unwrap_or(0.0),
         Some(count) => {
@@ -321,13 +320,6 @@ fn divided(grains: Grains<'_>, mix: &Mix, asked: &dyn Fn(&MixPart<'_>) -> Asked)
         }
     }
     classes
-}
-
-fn specimen_volume_mm3(specimen: &Specimen) -> f64 {
-    match *specimen {
-        Specimen::Box { size_mm: [x, y, z], .. } => x * y * z,
-        Specimen::Cylinder { diameter_mm, height_mm } => FRAC_PI_4 * diameter_mm * diameter_mm * height_mm,
-    }
 }
 
 /// Smallest and largest diameter that the classes allow.

@@ -40,6 +40,7 @@ mod double_double;
 mod grading;
 mod law;
 mod packing;
+mod region;
 mod required;
 mod separation;
 mod sieve;

@@ -26,7 +26,6 @@ pub(super) struct Packing<B> {
     /// The spheres around the bodies.
     spheres: Spheres,
     required: Required,
-    specimen: Specimen,
 }
 
 impl<B: Convex> Packing<B> {
@@ -47,7 +46,7 @@ impl<B: Convex> Packing<B> {
             bodies.push(body);
         }
         let required = Required::new(distance, specimen);
-        Ok(Self { bodies, spheres, required, specimen })
+        Ok(Self { bodies, spheres, required })
     }
 
     /// The bodies.
@@ -58,11 +57,11 @@ impl<B: Convex> Packing<B> {
     /// Smallest gap to a wall with its grain; `None` where there are no walls or no grains. The centres in a periodic
     /// box must lie in it.
     pub(super) fn check_walls(&self) -> Result<Option<(f64, usize)>, Fault> {
-        let is_periodic = self.required.period_mm().is_some();
+        let is_periodic = self.required.region().period_mm().is_some();
         let mut least: Option<(f64, usize)> = None;
         for (grain, body) in self.bodies.iter().enumerate() {
             if is_periodic {
-                let clearance_mm = self.required.wall_distance_mm(body.center().into());
+                let clearance_mm = self.required.region().wall_distance_mm(body.center().into());
                 if clearance_mm < 0.0 {
                     return Err(Fault::Wall { grain, clearance_mm, required_mm: 0.0 });
                 }
@@ -70,7 +69,7 @@ impl<B: Convex> Packing<B> {
             }
             let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
             let enough = least.map_or(f64::INFINITY, |(gap, _)| gap);
-            let (clearance_mm, keeps) = body.wall_gap(&self.specimen, required_mm, enough);
+            let (clearance_mm, keeps) = body.wall_gap(self.required.region(), required_mm, enough);
             if !keeps {
                 return Err(Fault::Wall { grain, clearance_mm, required_mm });
             }
@@ -130,7 +129,7 @@ impl<B: Convex> Packing<B> {
             let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
             let reach = |n: &Vector3<f64>| body.reach(n);
             walls::for_each_near(
-                &self.specimen,
+                self.required.region(),
                 body.center(),
                 body.radius(),
                 closer_than,
@@ -153,17 +152,17 @@ impl<B: Convex> Packing<B> {
 
     /// A length that no distance of two grains, and no extent of a grain, exceeds.
     fn farthest(&self) -> f64 {
-        let diagonal = self.required.bounds_mm().iter().map(|l| l * l).sum::<f64>().sqrt();
+        let diagonal = self.required.region().bounds_mm.iter().map(|l| l * l).sum::<f64>().sqrt();
         self.bodies.iter().map(|b| 2.0 * b.radius()).fold(diagonal, f64::max)
     }
 
     fn look_at_pairs(&self, look: f64, known: &mut PairFindings, walk: &Walk<'_>) -> Result<(), Fault> {
         let required = &self.required;
-        let period = required.period_mm();
+        let period = required.region().period_mm();
         // Equivalent diameters are at most those of the spheres around, and no rule's gap falls with a diameter.
         let table = Table::build(
             &self.spheres,
-            required.bounds_mm(),
+            required.region().bounds_mm,
             period.is_some(),
             #[inline(always)]
             |d_i, d_j| required.gap_mm(d_i, d_j) + look,
@@ -201,7 +200,7 @@ impl<B: Convex> Packing<B> {
         let of_interest =
             findings.gap.max(required_mm + findings.excess).max(findings.closer_than.unwrap_or(0.0));
         let enough = of_interest.min(required_mm + look);
-        let period = self.required.period_mm().unwrap_or_default();
+        let period = self.required.region().period_mm().unwrap_or_default();
         match a.judge(b, &Image { steps: image, period }, required_mm, enough) {
             Verdict::Clear => {}
             Verdict::Keeps(direction) => findings.note(first, second, image, required_mm, &direction),
@@ -215,7 +214,7 @@ impl<B: Convex> Packing<B> {
 
     /// In a periodic box a grain must also keep its distance from its own images.
     fn check_own_images(&self, findings: &mut PairFindings) -> Result<(), Fault> {
-        let Some(period) = self.required.period_mm() else { return Ok(()) };
+        let Some(period) = self.required.region().period_mm() else { return Ok(()) };
         let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
         for (grain, body) in self.bodies.iter().enumerate() {
             // These three first: where they keep a gap, it is at most a period, and few images are in reach.

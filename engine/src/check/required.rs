@@ -3,19 +3,19 @@
 //! The distance rules stand here a second time, written as the request documents them, so that a mistake in
 //! [`crate::distance`], which the packing methods use, does not pass the check.
 
-use crate::elementary::hypot;
-use crate::request::{Boundary, Distance, Specimen};
+use super::region::Region;
+use crate::request::{Distance, Specimen};
 
 /// The demands of a request.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Required {
     distance: Distance,
-    specimen: Specimen,
+    region: Region,
 }
 
 impl Required {
     pub(super) fn new(distance: Distance, specimen: Specimen) -> Self {
-        Self { distance, specimen }
+        Self { distance, region: Region::new(&specimen) }
     }
 
     /// Gap in mm that grains of two diameters keep: 0, the constant `gap_mm`, `factor` times the mean of the
@@ -42,31 +42,8 @@ impl Required {
         wall_gap_mm.unwrap_or(0.5 * self.gap_mm(d, d))
     }
 
-    /// Edge lengths of the bounding box, which starts at the origin.
-    pub(super) fn bounds_mm(&self) -> [f64; 3] {
-        match self.specimen {
-            Specimen::Box { size_mm, .. } => size_mm,
-            Specimen::Cylinder { diameter_mm, height_mm } => [diameter_mm, diameter_mm, height_mm],
-        }
-    }
-
-    /// Edge lengths with which the specimen repeats, if it does.
-    pub(super) fn period_mm(&self) -> Option<[f64; 3]> {
-        match self.specimen {
-            Specimen::Box { size_mm, boundary: Boundary::Periodic } => Some(size_mm),
-            Specimen::Box { boundary: Boundary::Walls, .. } | Specimen::Cylinder { .. } => None,
-        }
-    }
-
-    /// Distance in mm from a point to the nearest wall; negative outside. Of a periodic box, to its nearest face.
-    pub(super) fn wall_distance_mm(&self, [x, y, z]: [f64; 3]) -> f64 {
-        let ends = |p: f64, length: f64| p.min(length - p);
-        match self.specimen {
-            Specimen::Box { size_mm: [a, b, c], .. } => ends(x, a).min(ends(y, b)).min(ends(z, c)),
-            Specimen::Cylinder { diameter_mm, height_mm } => {
-                let radius = 0.5 * diameter_mm;
-                (radius - hypot(x - radius, y - radius)).min(ends(z, height_mm))
-            }
-        }
+    /// The region that the grains lie in.
+    pub(super) fn region(&self) -> &Region {
+        &self.region
     }
 }

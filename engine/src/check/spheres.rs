@@ -83,8 +83,8 @@ fn judge_numbers(spheres: &Spheres) -> Result<(), Fault> {
 fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<(f64, usize)>, Fault> {
     let mut least: Option<(f64, usize)> = None;
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
-        let distance_mm = required.wall_distance_mm(spheres.center(grain));
-        if required.period_mm().is_some() {
+        let distance_mm = required.region().wall_distance_mm(spheres.center(grain));
+        if required.region().period_mm().is_some() {
             if distance_mm < 0.0 {
                 return Err(Fault::Wall { grain, clearance_mm: distance_mm, required_mm: 0.0 });
             }
@@ -121,7 +121,7 @@ impl Findings for Nearest {
 fn check_pairs(spheres: &Spheres, required: &Required, walk: &Walk<'_>) -> Result<Pairs, Fault> {
     let mut pairs = own_images(spheres, required)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
-    let bounds = required.bounds_mm();
+    let bounds = required.region().bounds_mm;
     let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
     let surely_kept = required.gap_mm(d_least, d_least);
     // A dense packing has many pairs closer than this; a loose one is looked at again, further out.
@@ -157,10 +157,10 @@ fn nearest(
     look: f64,
     walk: &Walk<'_>,
 ) -> Result<(Nearest, u64), Fault> {
-    let period = required.period_mm();
+    let period = required.region().period_mm();
     let table = Table::build(
         spheres,
-        required.bounds_mm(),
+        required.region().bounds_mm,
         period.is_some(),
         #[inline(always)]
         |d_i, d_j| required.gap_mm(d_i, d_j) + look,
@@ -214,7 +214,7 @@ fn nearest(
 /// In a periodic box a grain must also keep its distance from its own images.
 fn own_images(spheres: &Spheres, required: &Required) -> Result<Pairs, Fault> {
     let mut pairs = Pairs::default();
-    let Some(period) = required.period_mm() else { return Ok(pairs) };
+    let Some(period) = required.region().period_mm() else { return Ok(pairs) };
     let shortest = period.iter().copied().fold(f64::INFINITY, f64::min);
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
         let (clearance_mm, required_mm) = (shortest - d, required.gap_mm(d, d));

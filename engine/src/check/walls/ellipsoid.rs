@@ -19,28 +19,23 @@ use nalgebra::{Matrix2, Vector2};
 use crate::arrays::Each as _;
 use crate::check::body::Ellipsoid;
 use crate::check::double_double::DoubleDouble;
+use crate::check::region::Region;
 use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::elementary::{atan2, cos, sin};
-use crate::request::{Boundary, Specimen};
 
 /// Gap between an ellipsoid and the nearest wall, and whether it is at least `required`. Walls farther away than
 /// `enough` may be left out of the gap.
 pub(in crate::check) fn wall_gap(
     body: &Ellipsoid,
-    specimen: &Specimen,
+    region: &Region,
     required: f64,
     enough: f64,
 ) -> (f64, bool) {
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => (f64::INFINITY, true),
-        Specimen::Box { size_mm, boundary: Boundary::Walls } => {
-            let planes = [0, 1, 2].each(|axis| plane_gap(body, axis, size_mm[axis], required));
-            planes.into_iter().fold((f64::INFINITY, true), both)
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            let ends = plane_gap(body, 2, height_mm, required);
-            both(ends, lateral_gap(body, 0.5 * diameter_mm, required, enough.max(required)))
-        }
+    let planes = region.plane_walls().map(|(axis, length)| plane_gap(body, axis, length, required));
+    let planes = planes.fold((f64::INFINITY, true), both);
+    match region.lateral_mm {
+        Some(radius) => both(planes, lateral_gap(body, radius, required, enough.max(required))),
+        None => planes,
     }
 }
 

@@ -7,8 +7,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
+use crate::check::region::Region;
 use crate::elementary::{cos, sin};
-use crate::request::{Boundary, Specimen};
 
 /// Directions across the axis of a cylinder that are looked at, and bisections between them.
 const DIRECTIONS: usize = 96;
@@ -18,7 +18,7 @@ const BISECTIONS: usize = 60;
 /// centre, its radius and its support function. Of the lateral surface of a cylinder it is the direction in which the
 /// body comes nearest.
 pub(super) fn for_each_near(
-    specimen: &Specimen,
+    region: &Region,
     center: Vector3<f64>,
     radius: f64,
     closer_than: f64,
@@ -34,41 +34,31 @@ pub(super) fn for_each_near(
             visit(direction, gap);
         }
     };
-    let mut ends = |axis: usize, length: f64| {
+    for (axis, length) in region.plane_walls() {
         for sign in [-1.0, 1.0] {
             let distance = if sign < 0.0 { center[axis] } else { length - center[axis] };
             look(Vector3::from_fn(|k, _| if k == axis { sign } else { 0.0 }), distance);
         }
-    };
-    match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => {}
-        Specimen::Box { size_mm, boundary: Boundary::Walls } => {
-            (0..3).for_each(|axis| ends(axis, size_mm[axis]));
-        }
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            ends(2, height_mm);
-            let (r, off) =
-                (0.5 * diameter_mm, center - Vector3::new(0.5 * diameter_mm, 0.5 * diameter_mm, 0.0));
-            let direction = |angle: f64| Vector3::new(cos(angle), sin(angle), 0.0);
-            // How far the body reaches from the axis of the cylinder.
-            let farthest = |angle: f64| off.dot(&direction(angle)) + reach(&direction(angle));
-            let across = (off.x * off.x + off.y * off.y).sqrt();
-            if r - across - radius >= closer_than {
-                return;
-            }
-            let step = TAU / DIRECTIONS as f64;
-            let best =
-                (0..DIRECTIONS).map(|i| step * i as f64).max_by(|a, b| farthest(*a).total_cmp(&farthest(*b)));
-            let (mut angle, mut width) = (best.unwrap_or_default(), 0.5 * step);
-            for _ in 0..BISECTIONS {
-                for side in [angle - width, angle + width] {
-                    if farthest(side) > farthest(angle) {
-                        angle = side;
-                    }
-                }
-                width *= 0.5;
-            }
-            look(direction(angle), r - off.dot(&direction(angle)));
-        }
     }
+    let Some(r) = region.lateral_mm else { return };
+    let off = center - Vector3::new(r, r, 0.0);
+    let direction = |angle: f64| Vector3::new(cos(angle), sin(angle), 0.0);
+    // How far the body reaches from the axis of the cylinder.
+    let farthest = |angle: f64| off.dot(&direction(angle)) + reach(&direction(angle));
+    let across = (off.x * off.x + off.y * off.y).sqrt();
+    if r - across - radius >= closer_than {
+        return;
+    }
+    let step = TAU / DIRECTIONS as f64;
+    let best = (0..DIRECTIONS).map(|i| step * i as f64).max_by(|a, b| farthest(*a).total_cmp(&farthest(*b)));
+    let (mut angle, mut width) = (best.unwrap_or_default(), 0.5 * step);
+    for _ in 0..BISECTIONS {
+        for side in [angle - width, angle + width] {
+            if farthest(side) > farthest(angle) {
+                angle = side;
+            }
+        }
+        width *= 0.5;
+    }
+    look(direction(angle), r - off.dot(&direction(angle)));
 }

@@ -5,19 +5,16 @@ use nalgebra::Vector3;
 use crate::arrays::Each as _;
 use crate::check::body::Polyhedron;
 use crate::check::double_double::DoubleDouble;
+use crate::check::region::Region;
 use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::elementary::hypot;
-use crate::request::{Boundary, Specimen};
 
 /// Gap between a polyhedron and the nearest wall, and whether it is at least `required`.
-pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, specimen: &Specimen, required: f64) -> (f64, bool) {
-    let (bounds, axis) = match *specimen {
-        Specimen::Box { boundary: Boundary::Periodic, .. } => return (f64::INFINITY, true),
-        Specimen::Box { size_mm, boundary: Boundary::Walls } => (size_mm.each(Some), None),
-        Specimen::Cylinder { diameter_mm, height_mm } => {
-            ([None, None, Some(height_mm)], Some(0.5 * diameter_mm))
-        }
-    };
+pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, region: &Region, required: f64) -> (f64, bool) {
+    if region.is_periodic {
+        return (f64::INFINITY, true);
+    }
+    let (bounds, axis) = (region.faces_mm, region.lateral_mm);
     let mut gap = f64::INFINITY;
     let mut scale = body.radius + required;
     for p in &body.points {
