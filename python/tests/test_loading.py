@@ -7,18 +7,19 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import meshio
 import mixes
 import numpy as np
-import pandas as pd
 import pytest
-import pyvista
 from live_server import binary
 
 import packstone
 from packstone._sources import FileFormat
 from packstone._tabular import ELLIPSOIDS, MIXED, POLYHEDRA
 from packstone.local import Local
+
+meshio = pytest.importorskip("meshio")
+pd = pytest.importorskip("pandas")
+pyvista = pytest.importorskip("pyvista")
 
 MATERIALS = {
     "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2},
