@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TableFormat = Literal["json", "csv", "npy", "vtp", "vtk", "view", "html"]
-FileFormat = Literal[TableFormat, "msh", "vti", "raw", "inp", "svg", "png"]
+FileFormat = Literal[TableFormat, "msh", "vti", "raw", "svg", "png"]
 PackingPlotKind = Literal["grading", "distance", "radial", "profile", "zingg", "flakiness", "quality"]
 PACKING_PLOT_KINDS: tuple[PackingPlotKind, ...] = get_args(PackingPlotKind)
 Theme = Literal["light", "dark"]
@@ -86,9 +86,10 @@ def check_format(format: str) -> None:
     """Raises a `ValueError` if a format is unknown or does not name one file."""
     known = [*get_args(TableFormat), *TYPE_OF_SUFFIX]
     if format in AMBIGUOUS_SUFFIXES:
+        types = " or ".join(AMBIGUOUS_SUFFIXES[format])
         raise ValueError(
             f"{format!r} does not name one export: use export(type, path, format=...), "
-            'as packing.export("mesh", "surfaces.zip", format="stl")'
+            f'as packing.export("{AMBIGUOUS_SUFFIXES[format][0]}", ...); the type is {types}'
         )
     if format not in known:
         raise ValueError(f"{format!r} is not a format of packings: must be one of {', '.join(known)}")

@@ -71,8 +71,7 @@ def write(
     if not overwrite and (directory / "study.json").exists():
         raise FileExistsError(f"{directory} holds a study: choose another folder, or pass overwrite=True")
     _files.write(directory / "study.json", encoded({"engine": engine, "request": request}).encode())
-    lines = [_line({name: value for name, value in record.items() if name != "error"}) for record in records]
-    _files.write(directory / "runs.jsonl", "".join(lines).encode())
+    _files.write(directory / "runs.jsonl", "".join(map(_line, records)).encode())
 
 
 def _line(record: Mapping[str, Any]) -> str:

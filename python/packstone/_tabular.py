@@ -73,7 +73,7 @@ class Tabular:
 
     def request(self) -> dict[str, Any]:
         """A table has none."""
-        self._lacks("request")
+        self._lacks("its request")
 
     def columns(self) -> tuple[str, ...]:
         """The names of the columns of the grains."""
@@ -93,7 +93,8 @@ class Tabular:
             whole = [column in INDICES for column in self._columns]
             rows = [",".join(_text(*of) for of in zip(row, whole, strict=True)) for row in self._grains.tolist()]
             return "\n".join([",".join(self._columns), *rows, ""]).encode()
-        self._lacks(f"specimen, which the format {file.format} needs")
+        needs = f"format {file.format}" if file.type is None else f"export {file.type}"
+        self._lacks(f"the specimen, which the {needs} needs")
 
     def save(self, file: File, path: Path, timeout: float | None) -> None:
         """Writes the grains as a table again."""
@@ -105,16 +106,18 @@ class Tabular:
         self, type: ExportType, options: Mapping[str, Any], path: Path, timeout: float | None
     ) -> dict[str, Any]:
         """Exports need the specimen."""
-        self._lacks(f"specimen, which the export {type} needs")
+        self._lacks(f"the specimen, which the export {type} needs")
 
     def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
         """Plots need the figures."""
-        self._lacks(f"figures, which the plot {kind} needs")
+        self._lacks(f"the figures that the plot {kind} needs")
 
     def _lacks(self, what: str) -> NoReturn:
+        table = f"{self._path.stem}.csv"
+        saved = "" if self._path.suffix.lower() == ".csv" else f' save("{table}") and'
         raise ValueError(
-            f"{self._path.name} is a table of grains, without {what}: load the result as JSON, or run "
-            f"`packstone export {self._path.name} --specimen JOB.json ...` with its job"
+            f"{self._path.name} is a table of grains, without {what}: load the result as JSON, or{saved} run "
+            f"`packstone export {table} --specimen JOB.json ...` with its job"
         )
 
 

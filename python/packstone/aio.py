@@ -56,7 +56,8 @@ if TYPE_CHECKING:
     from .options import FileOptions, SurfaceOptions
     from .packings import PackingReport
     from .reports import QualityReport
-    from .results import CheckReport, JobPlan, Partial, Summary
+    from .results import CheckReport, JobPlan, Partial, RepresentativeVolume, Summary
+    from .services import Capabilities, KeyInfo
     from .studies import StudyChanges
 
 T = TypeVar("T")
@@ -485,7 +486,7 @@ class AsyncStudy(_AsyncChanging[Study]):
         """See :meth:`Study.table`."""
         return await self._threads.call(self.sync.table)
 
-    async def representative_volumes(self) -> list[dict[str, Any]]:
+    async def representative_volumes(self) -> list[RepresentativeVolume]:
         """See :meth:`Study.representative_volumes`."""
         return await self._threads.call(self.sync.representative_volumes)
 
@@ -701,11 +702,11 @@ class AsyncClient:
         async for study in self._threads.each(found):
             yield AsyncStudy(self._threads, study)
 
-    async def capabilities(self) -> dict[str, Any]:
+    async def capabilities(self) -> Capabilities:
         """See :meth:`Client.capabilities`."""
         return await self._threads.call(self.sync.capabilities)
 
-    async def key(self) -> dict[str, Any]:
+    async def key(self) -> KeyInfo:
         """See :meth:`Client.key`."""
         return await self._threads.call(self.sync.key)
 

@@ -171,9 +171,14 @@ class Method(Fields):
 
     @classmethod
     def rsa(cls, *, attempts_per_grain: int | None = None) -> Method:
-        """Random sequential addition. Without `attempts_per_grain` the search is exhaustive.
+        """Random sequential addition.
 
-        Grains that are no spheres end it after 20 000 000 draws, also where it is not proven that no place is left.
+        Grains that are not spheres end it after 20 000 000 draws, also where it is not proven that no position is left.
+
+        Parameters
+        ----------
+        attempts_per_grain
+            The number of attempts for each grain. Without it the search is exhaustive.
         """
         return cls(type="rsa", attempts_per_grain=attempts_per_grain)
 
@@ -183,8 +188,14 @@ class Method(Fields):
     ) -> Method:
         """Growing grains: spheres as by :meth:`edmd`, other grains, and spheres among them, as by :meth:`monte_carlo`.
 
-        It stops after `time_s` of packing. `initial_scale` is the share of the sizes that growth starts with; `swap`
-        lets grains of similar size exchange their places, which is the default.
+        Parameters
+        ----------
+        time_s
+            The time of packing after which it stops.
+        initial_scale
+            The share of the final sizes with which growth starts.
+        swap
+            Whether grains of similar size swap their positions now and then, by which far denser packings are reached.
 
         Examples
         --------
@@ -209,8 +220,22 @@ class Method(Fields):
     ) -> Method:
         """Event-driven molecular dynamics with growing spheres.
 
-        It stops after `time_s` of packing, after a number of `events`, or if the simulated time per event and
-        grain falls below `stall_dt_s`.
+        Parameters
+        ----------
+        time_s, events
+            The time of packing and the number of events after which it stops.
+        stall_dt_s
+            It stops where the simulated time per event and grain falls below this.
+        initial_scale
+            The share of the final diameters with which growth starts.
+        growth_rate
+            The relative growth rate of the diameters while the pressure is low, per s.
+        initial_velocity
+            The bound of the components of the velocity of the smallest grain at the beginning, in mm/s.
+        equal_mass
+            Whether all grains have the same mass.
+        swap
+            Whether grains of similar size swap their positions now and then, by which far denser packings are reached.
         """
         stop = Fields(time_s=time_s, events=events, stall_dt_s=stall_dt_s)
         return cls(
@@ -234,7 +259,14 @@ class Method(Fields):
     ) -> Method:
         """Hard-particle Monte Carlo with growing grains of any shape; :meth:`edmd` packs spheres faster.
 
-        It stops after `time_s` of packing, or after a number of `sweeps`.
+        Parameters
+        ----------
+        time_s, sweeps
+            The time of packing and the number of sweeps after which it stops.
+        initial_scale
+            The share of the final sizes with which growth starts.
+        swap
+            Whether grains of similar size swap their positions now and then, by which far denser packings are reached.
         """
         stop = dict(Fields(time_s=time_s, sweeps=sweeps)) or None
         return cls(type="monte_carlo", initial_scale=initial_scale, swap=swap, stop=stop)
@@ -258,7 +290,17 @@ class Segregation(Fields):
     def along(
         cls, axis: Literal["x", "y", "z"], strength: float, *, direction: Literal["up", "down"] | None = None
     ) -> Segregation:
-        """Coarse grains gather at one end of an axis, at 0 by default."""
+        """Coarse grains gather at one end of an axis.
+
+        Parameters
+        ----------
+        axis
+            The axis.
+        strength
+            How strong the gradient is.
+        direction
+            The end at which they gather: ``down`` (the default), as they sink, at 0, or ``up``.
+        """
         field = Fields(type="linear", axis=axis, direction=direction)
         return cls(type="gradient", field=dict(field), strength=strength)
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from .builders import JobFields
     from .results import JobPlan
+    from .services import Capabilities, KeyInfo
 
 S = TypeVar("S", Job, Study)
 JobOrder = Literal["created", "-created", "priority", "-priority", "finished", "-finished"]
@@ -370,13 +371,13 @@ class Client:
         for item in pages(self._transport, "/v1/studies", params, page_size):
             yield Study(self._transport, item)
 
-    def capabilities(self) -> dict[str, Any]:
+    def capabilities(self) -> Capabilities:
         """Returns the methods, formats and limits of the server."""
-        return document(self._transport.request("GET", "/v1/capabilities"))
+        return cast("Capabilities", document(self._transport.request("GET", "/v1/capabilities")))
 
-    def key(self) -> dict[str, Any]:
+    def key(self) -> KeyInfo:
         """Returns name, owner, role and quotas of the API key of this client, and what is used of the quotas."""
-        return document(self._transport.request("GET", "/v1/key"))
+        return cast("KeyInfo", document(self._transport.request("GET", "/v1/key")))
 
     def _submitted(self, kind: type[S], path: str, body: Mapping[str, Any], key: str | None) -> S:
         headers = {"idempotency-key": key or uuid4().hex}

@@ -19,12 +19,16 @@ TYPE_OF_SUFFIX: dict[str, ExportType] = {
     "msh": "mesh",
     "vti": "voxels",
     "raw": "voxels",
-    "inp": "voxels",
     "svg": "slice",
     "png": "slice",
 }
-# The suffixes of exports that name more than one of them, or an archive of several files.
-AMBIGUOUS_SUFFIXES = ("geo", "stl", "zip")
+# The suffixes of exports that name more than one of them, or an archive of several files, with their types.
+AMBIGUOUS_SUFFIXES: dict[str, tuple[ExportType, ...]] = {
+    "geo": ("mesh", "slice"),
+    "inp": ("mesh", "voxels", "slice"),
+    "stl": ("mesh",),
+    "zip": ("mesh", "voxels", "deck", "ldpm"),
+}
 
 
 class Export(Changing):

@@ -30,7 +30,15 @@ ROUNDING = 1e-9
 
 
 class Grading(Fields):
-    """The mass fraction of the aggregate that passes each sieve."""
+    """The mass fraction of the aggregate that passes each sieve.
+
+    Examples
+    --------
+    >>> packstone.Grading.standard("57", "ASTM C33", "upper")
+    Grading({'type': 'standard', 'standard': 'ASTM C33', 'name': '57', 'curve': 'upper'})
+    >>> packstone.Grading.fuller(16)
+    Grading({'type': 'fuller', 'd_max_mm': 16, 'exponent': 0.5})
+    """
 
     @classmethod
     def standard(
@@ -41,31 +49,72 @@ class Grading(Fields):
     ) -> Grading:
         """A grading of a standard: a curve of DIN 1045-2, or one between the limits of a band.
 
-        `name` is that of the grading in the standard, as ``"A16"`` or, of ``"ASTM C33"``, ``"57"``;
-        :meth:`Client.capabilities` lists all. Of a band, `curve` is the middle unless it is named.
+        Parameters
+        ----------
+        name
+            That of the grading in the standard, as ``"A16"`` or, of ``"ASTM C33"``, ``"57"``;
+            :meth:`Client.capabilities` lists all.
+        standard
+            The standard, DIN 1045-2 if it is not given.
+        curve
+            The curve of a band, the middle if it is not given.
         """
         return cls(type="standard", standard=standard, name=name, curve=curve)
 
     @classmethod
     def fuller(cls, d_max_mm: float, exponent: float = 0.5) -> Grading:
-        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d."""
+        """Fuller's curve: a mass fraction (d / d_max)^exponent is finer than d.
+
+        Parameters
+        ----------
+        d_max_mm
+            The largest diameter.
+        exponent
+            The exponent.
+        """
         return cls(type="fuller", d_max_mm=d_max_mm, exponent=exponent)
 
     @classmethod
     def andreasen(cls, d_min_mm: float, d_max_mm: float, exponent: float) -> Grading:
-        """The modified Andreasen curve: (d^q - d_min^q) / (d_max^q - d_min^q) is finer than d."""
+        """The modified Andreasen curve: (d^q - d_min^q) / (d_max^q - d_min^q) is finer than d.
+
+        Parameters
+        ----------
+        d_min_mm, d_max_mm
+            The smallest and the largest diameter.
+        exponent
+            The exponent q.
+        """
         return cls(type="andreasen", d_min_mm=d_min_mm, d_max_mm=d_max_mm, exponent=exponent)
 
     @classmethod
     def bolomey(cls, d_max_mm: float, a_percent: float) -> Grading:
-        """Bolomey's curve of aggregate and cement together: A + (1 - A) (d / d_max)^0.5 is finer than d."""
+        """Bolomey's curve of aggregate and cement together: A + (1 - A) (d / d_max)^0.5 is finer than d.
+
+        Parameters
+        ----------
+        d_max_mm
+            The largest diameter.
+        a_percent
+            The coefficient A in percent.
+        """
         return cls(type="bolomey", d_max_mm=d_max_mm, a_percent=a_percent)
 
     @classmethod
     def faury(
         cls, d_max_mm: float, a_percent: float, b_percent: float | None = None, mould_radius_mm: float | None = None
     ) -> Grading:
-        """Faury's curve of aggregate and cement together; `mould_radius_mm` is the mould's volume over its area."""
+        """Faury's curve of aggregate and cement together.
+
+        Parameters
+        ----------
+        d_max_mm
+            The largest diameter.
+        a_percent, b_percent
+            The coefficients A and B in percent.
+        mould_radius_mm
+            The volume of the mould over its area.
+        """
         return cls(
             type="faury",
             d_max_mm=d_max_mm,
@@ -76,7 +125,17 @@ class Grading(Fields):
 
     @classmethod
     def dreux_gorisse(cls, d_max_mm: float, k_percent: float, d_min_mm: float | None = None) -> Grading:
-        """The curve of Dreux and Gorisse, with the correction K in percent."""
+        """The curve of Dreux and Gorisse.
+
+        Parameters
+        ----------
+        d_max_mm
+            The largest diameter.
+        k_percent
+            The correction K in percent.
+        d_min_mm
+            The smallest diameter.
+        """
         return cls(type="dreux_gorisse", d_min_mm=d_min_mm, d_max_mm=d_max_mm, k_percent=k_percent)
 
     @classmethod
@@ -89,10 +148,18 @@ class Grading(Fields):
         d_min_mm: float | None = None,
         d_max_mm: float | None = None,
     ) -> Grading:
-        """A lognormal law; `sigma` is the standard deviation of ln d.
+        """A lognormal law.
 
-        The shares of the ``mass`` (the default) or of the ``number`` of grains follow it. The bounds that are not
-        given are the diameters that 0.1 % and 99.9 % are finer than.
+        Parameters
+        ----------
+        median_mm
+            The median diameter.
+        sigma
+            The standard deviation of ln d.
+        by
+            Whether the shares of the ``mass`` (the default) or of the ``number`` of grains follow the law.
+        d_min_mm, d_max_mm
+            Bounds: the diameters that 0.1 % and 99.9 % are finer than, if they are not given.
         """
         return cls(type="lognormal", median_mm=median_mm, sigma=sigma, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
 
@@ -106,7 +173,17 @@ class Grading(Fields):
         d_min_mm: float | None = None,
         d_max_mm: float | None = None,
     ) -> Grading:
-        """A normal law between two bounds, which are those of :meth:`lognormal` where they are not given."""
+        """A normal law between two bounds.
+
+        Parameters
+        ----------
+        mean_mm, standard_deviation_mm
+            The mean and the standard deviation of the diameter.
+        by
+            Whether the shares of the ``mass`` (the default) or of the ``number`` of grains follow the law.
+        d_min_mm, d_max_mm
+            Bounds: the diameters that 0.1 % and 99.9 % are finer than, if they are not given.
+        """
         return cls(
             type="normal",
             mean_mm=mean_mm,
@@ -126,7 +203,17 @@ class Grading(Fields):
         d_min_mm: float | None = None,
         d_max_mm: float | None = None,
     ) -> Grading:
-        """Weibull's law: 1 - exp(-(d / scale)^shape) is finer than d. Bounds as those of :meth:`lognormal`."""
+        """Weibull's law: 1 - exp(-(d / scale)^shape) is finer than d.
+
+        Parameters
+        ----------
+        scale_mm, shape
+            Its parameters.
+        by
+            Whether the shares of the ``mass`` (the default) or of the ``number`` of grains follow the law.
+        d_min_mm, d_max_mm
+            Bounds: the diameters that 0.1 % and 99.9 % are finer than, if they are not given.
+        """
         return cls(type="weibull", scale_mm=scale_mm, shape=shape, by=by, d_min_mm=d_min_mm, d_max_mm=d_max_mm)
 
     @classmethod
@@ -138,7 +225,17 @@ class Grading(Fields):
         d_min_mm: float | None = None,
         d_max_mm: float | None = None,
     ) -> Grading:
-        """The law of Rosin and Rammler: Weibull's, by mass. 63.2 % of the mass pass `characteristic_mm`."""
+        """The law of Rosin and Rammler: Weibull's, by mass.
+
+        Parameters
+        ----------
+        characteristic_mm
+            The diameter that 63.2 % of the mass pass.
+        exponent
+            The exponent.
+        d_min_mm, d_max_mm
+            Bounds: the diameters that 0.1 % and 99.9 % are finer than, if they are not given.
+        """
         return cls(
             type="rosin_rammler",
             characteristic_mm=characteristic_mm,
@@ -149,9 +246,19 @@ class Grading(Fields):
 
     @classmethod
     def sizes(cls, sizes: Iterable[Sequence[float]], by: By | None = None) -> Grading:
-        """Single sizes: pairs of the diameter in mm and its share, by ``mass`` (the default) or ``number``.
+        """Single sizes.
 
-        Shares count by their ratios: numbers of grains are shares as well.
+        Parameters
+        ----------
+        sizes
+            Pairs of the diameter in mm and its share. Shares count by their ratios: numbers of grains are shares, too.
+        by
+            Whether shares are of the ``mass`` (the default) or of the ``number`` of grains.
+
+        Examples
+        --------
+        >>> packstone.Grading.sizes([(4, 300), (8, 20)], by="number")["by"]
+        'number'
         """
         shares = [{"diameter_mm": float(diameter), "share": float(share)} for diameter, share in sizes]
         return cls(type="sizes", sizes=shares, by=by)
@@ -222,12 +329,24 @@ pass percent=True
 
     @classmethod
     def monodisperse(cls, diameter_mm: float) -> Grading:
-        """Equal spheres."""
+        """Equal spheres.
+
+        Parameters
+        ----------
+        diameter_mm
+            Their diameter.
+        """
         return cls(type="monodisperse", diameter_mm=diameter_mm)
 
     @classmethod
     def diameters(cls, diameters_mm: Sequence[float] | ArrayLike) -> Grading:
-        """An explicit list of diameters. Its volume is that of the mix."""
+        """An explicit list of diameters. Its volume is that of the mix.
+
+        Parameters
+        ----------
+        diameters_mm
+            The diameters.
+        """
         return cls(type="diameters", diameters_mm=diameters_mm)
 
 

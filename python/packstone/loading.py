@@ -104,7 +104,7 @@ def packings_in(path: Path) -> dict[str, Packing]:
         for file in sorted(path.glob(f"*.{ending}")):
             if file.stem in found or file.name.endswith(".report.json"):
                 continue
-            read = load(file)
+            read = None if ending == "csv" and not _has_grains(file) else load(file)
             if isinstance(read, Packing):
                 found[file.stem] = read
     return found
@@ -127,10 +127,16 @@ def _restored(path: Path, content: bytes) -> Packing:
         raise ValueError(f"{path.name} cannot be read: {error}") from None
 
 
+def _has_grains(path: Path) -> bool:
+    """Whether a table as CSV is one of grains."""
+    with path.open(encoding="utf-8-sig") as lines:
+        return lines.readline().startswith(",".join(SPHERES))
+
+
 def _csv(path: Path) -> Any:
     with path.open(encoding="utf-8-sig") as lines:
         columns = lines.readline().rstrip("\r\n").split(",")
-        if tuple(columns[: len(SPHERES)]) == SPHERES:
+        if _has_grains(path):
             grains = np.loadtxt(lines, delimiter=",", ndmin=2).reshape(-1, len(columns))
             return Packing(Tabular(path, columns, grains))
     with needed("pandas", f"the table {path.name}"):

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
     from .options import FileOptions
+    from .results import RepresentativeVolume
 
 # The columns of a table of runs that each run has.
 RUN_COLUMNS = ("point", "replicate", "seed", "outcome", "error", "time_s")
@@ -238,7 +239,7 @@ class LocalStudy:
         """
         return self._table()[1]
 
-    def representative_volumes(self) -> list[dict[str, Any]]:
+    def representative_volumes(self) -> list[RepresentativeVolume]:
         """Returns how properties scatter over several volumes, see :meth:`Study.representative_volumes`."""
         return list(self._fetch_table().get("representative_volumes", []))
 

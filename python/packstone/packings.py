@@ -130,7 +130,7 @@ class Packing(Conversions, PackingExports):
         format
             That of the suffix if it is not named: the grains as ``json`` (with everything that is known of them),
             ``csv``, ``npy``, ``vtp``, ``vtk`` or ``view``; ``html``, a page with a viewer; or the export that the
-            suffix names: ``msh``, ``vti``, ``raw``, ``inp`` (voxels), ``svg`` or ``png``. :meth:`export` makes all.
+            suffix names: ``msh``, ``vti``, ``raw``, ``svg`` or ``png``. :meth:`export` makes all.
         timeout
             Longest wait in s for a server, which makes exports when they are first needed.
         overwrite

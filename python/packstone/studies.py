@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypedDict, Unpack
 
     from .options import FileOptions
+    from .results import RepresentativeVolume
 
     class StudyChanges(TypedDict, total=False):
         """What :meth:`Study.update` changes."""
@@ -121,7 +122,7 @@ class Study(Resource):
         """
         return self._table()[1]
 
-    def representative_volumes(self) -> list[dict[str, Any]]:
+    def representative_volumes(self) -> list[RepresentativeVolume]:
         """Returns how properties scatter over packings of several volumes, and the volume for an error of 1 %.
 
         One item per property and combination of the values that do not depend on the volume: fitted ``alpha`` and

@@ -17,9 +17,10 @@ MODULES = sorted(module.name for module in pkgutil.iter_modules(packstone.__path
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 # Made by functions, whose docstrings have the example.
 MADE = {
-    "AsyncExport", "AsyncJob", "AsyncPacking", "AsyncStudy", "BlendedSieve", "ConnectionFailed", "Fault",
-    "JobCancelled", "MixBand", "MixCandidate", "MixCurve", "MixNote", "MixPart", "MixReading", "MixRecipe", "Neighbours",
-    "Grain", "PackstoneWarning", "Specimen", "View", "WaitTimeout", "Lattice", "Svg", "Blend", "Export",
+    "AsyncExport", "AsyncJob", "AsyncPacking", "AsyncStudy", "Blend", "BlendedSieve", "ConnectionFailed",
+    "Export", "Fault", "Grain", "JobCancelled", "Lattice", "MixBand", "MixCandidate", "MixCurve", "MixNote",
+    "MixPart", "MixReading", "MixRecipe", "Neighbours", "PackstoneWarning", "Specimen", "Svg", "View",
+    "WaitTimeout",
 }  # fmt: skip
 
 

@@ -112,7 +112,7 @@ def test_every_way_to_a_mesh_writes_its_script(job: packstone.Job, tmp_path: Pat
     assert len(list(tmp_path.iterdir())) == 6 + 6 + 2
 
 
-@pytest.mark.parametrize("suffix", ["geo", "stl", "zip"])
+@pytest.mark.parametrize("suffix", ["geo", "inp", "stl", "zip"])
 def test_a_suffix_of_several_exports_is_refused(job: packstone.Job, tmp_path: Path, suffix: str) -> None:
     with pytest.raises(ValueError, match=f"'{suffix}' does not name one export: use export"):
         job.result().save(tmp_path / f"a.{suffix}")

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
-import meshio
 import mixes
 import numpy as np
-import pandas as pd
 import pytest
-import pyvista
 from live_server import binary
 
 import packstone
 from packstone._sources import FileFormat
 from packstone._tabular import ELLIPSOIDS, MIXED, POLYHEDRA
 from packstone.local import Local
+
+meshio = pytest.importorskip("meshio")
+pd = pytest.importorskip("pandas")
+pyvista = pytest.importorskip("pyvista")
 
 MATERIALS = {
     "matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2},
@@ -116,7 +118,7 @@ def test_a_table_is_a_packing_with_the_grains_alone(
         saved = table.save(tmp_path / f"again.{again}")
         assert np.array_equal(packstone.load(saved).grains, packing.grains)
     assert table.read("csv").splitlines()[0] == packing.read("csv").splitlines()[0]
-    with pytest.raises(ValueError, match=rf"a.{format} is a table of grains, .* `packstone export a.{format} --spec"):
+    with pytest.raises(ValueError, match=rf"a.{format} is a table of grains, .* `packstone export a.csv --spec"):
         table.save(tmp_path / "a.vti")
 
 
@@ -218,11 +220,32 @@ def test_a_study_is_saved_as_the_command_does(tmp_path: Path) -> None:
     assert packstone.load(saved).table() == study.table()
 
 
-def test_a_folder_of_packings_is_a_dictionary(tmp_path: Path) -> None:
+def test_a_saved_study_keeps_the_errors_of_its_runs(tmp_path: Path) -> None:
+    template = mixes.without(mixes.unreachable(), "seed")
+    study = packstone.study(template=template, replicates=2, seed=1)
+    again = packstone.load(study.save(tmp_path / "saved"))
+    assert [run["error"] for run in again.runs()] == ["target-not-reached"] * 2
+    (tmp_path / "study.json").write_text(json.dumps({"template": template, "replicates": 2, "seed": 1}))
+    run(tmp_path, "study", "study.json", "--out", "saved", "--resume")
+
+
+def test_the_command_takes_a_table_with_its_job(tmp_path: Path) -> None:
+    packing = packstone.pack(mixes.ellipsoids())
+    packstone.load(packing.save(tmp_path / "a.npy")).save(tmp_path / "a.csv")
+    (tmp_path / "job.json").write_text(json.dumps(packing.request))
+    run(tmp_path, "export", "a.csv", "--specimen", "job.json", "voxels:format=npy,cells=10", "--out", "made")
+    assert np.array_equal(packstone.load(tmp_path / "made/result.cells-10.npy"), packing.voxels(10))
+
+
+def test_a_folder_of_packings_is_a_dictionary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     study = packstone.study(STUDY, keep=True)
     paths = study.save_all(tmp_path / "kept", "npy")
     packings = packstone.load(tmp_path / "kept")
     assert set(packings) == {path.stem for path in paths}
+    # Other tables beside them are left to those who ask for them, and need no library here.
+    (tmp_path / "kept/notes.csv").write_text("name,value\n")
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    assert packstone.load(tmp_path / "kept").keys() == packings.keys()
     (tmp_path / "empty").mkdir()
     with pytest.raises(ValueError, match="empty holds no packing as json, csv or npy and no study, but nothing"):
         packstone.load(tmp_path / "empty")

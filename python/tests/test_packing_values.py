@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import matplotlib.figure
 import mixes
 import numpy as np
 import pytest
@@ -16,6 +15,8 @@ from live_server import LiveServer
 from packstone.view import View
 
 import packstone
+
+figures = pytest.importorskip("matplotlib.figure")
 
 KEY = "packstone_" + 64 * "0"
 
@@ -72,6 +73,7 @@ def test_figures_of_a_service(client: packstone.Client, spheres: packstone.Packi
 
 
 def test_arrays_of_spheres(spheres: packstone.Packing) -> None:
+    pytest.importorskip("scipy")
     assert np.array_equal(spheres.radii, spheres.diameters / 2)
     assert np.array_equal(spheres.sieve_sizes, spheres.diameters)
     assert np.array_equal(spheres.semi_axes, np.repeat(spheres.radii[:, None], 3, axis=1))
@@ -84,6 +86,7 @@ def test_arrays_of_spheres(spheres: packstone.Packing) -> None:
 
 
 def test_arrays_of_ellipsoids(ellipsoids: packstone.Packing) -> None:
+    pytest.importorskip("scipy")
     a, b, c = ellipsoids.semi_axes.T
     assert np.allclose(b / a, 0.8) and np.allclose(8 * a * b * c, ellipsoids.diameters**3)
     assert (ellipsoids.sieve_sizes > 2 * c).all() and (ellipsoids.sieve_sizes <= 2 * b + 1e-9).all()
@@ -126,7 +129,7 @@ def test_neighbours_are_certified_pairs(spheres: packstone.Packing) -> None:
 
 @pytest.mark.parametrize("kind", ["grading", "section", "zingg"])
 def test_plots_are_drawn_in_axes(kind: Any, mixed: packstone.Packing) -> None:
-    ax = matplotlib.figure.Figure().subplots()
+    ax = figures.Figure().subplots()
     assert mixed.plot(kind, ax=ax) is ax
     assert ax.has_data() and ax.get_xlabel() and ax.get_title().startswith(f"{len(mixed)} grains")
     if kind == "section":
@@ -134,7 +137,7 @@ def test_plots_are_drawn_in_axes(kind: Any, mixed: packstone.Packing) -> None:
 
 
 def test_the_target_of_a_grading_is_met_at_the_sieves(spheres: packstone.Packing) -> None:
-    ax = matplotlib.figure.Figure().subplots()
+    ax = figures.Figure().subplots()
     spheres.plot(ax=ax, title=False)
     achieved, target = ax.get_lines()
     assert np.array_equal(target.get_xdata(), [4, 8, 16])
@@ -143,7 +146,7 @@ def test_the_target_of_a_grading_is_met_at_the_sieves(spheres: packstone.Packing
 
 
 def test_the_distance_of_grown_grains_is_drawn(spheres: packstone.Packing) -> None:
-    ax = matplotlib.figure.Figure().subplots()
+    ax = figures.Figure().subplots()
     packstone.pack(mixes.long()).plot("distance", ax=ax)
     assert len(np.asarray(ax.get_lines()[0].get_xdata())) > 2
     with pytest.raises(ValueError, match="did not grow"):

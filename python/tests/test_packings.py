@@ -74,6 +74,8 @@ def test_folders_are_created(result: packstone.Packing, tmp_path: Path) -> None:
 
 
 def test_other_libraries_take_the_grains(result: packstone.Packing) -> None:
+    for library in ("pyvista", "meshio", "trimesh"):
+        pytest.importorskip(library)
     grains = result.grains
     points = result.to_pyvista()
     assert np.array_equal(points.points, grains[:, :3].astype(points.points.dtype))

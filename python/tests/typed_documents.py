@@ -1,6 +1,6 @@
 """Writes the types of documents, which are schemas of ``openapi.yaml``, as `TypedDict` classes.
 
-    python tests/typed_documents.py     # writes packstone/results.py and packstone/reports.py again
+    python tests/typed_documents.py     # writes them again into the package
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ MODULES = {
         ["Report", "EngineInfo", "JobPlan", "StudyTable"],
     ),
     "reports.py": ("The figures of exports.", ["ExportReport"]),
+    "services.py": ("What a service says of itself and of an API key.", ["Capabilities", "KeyInfo"]),
 }
 # Requests are plain dictionaries, in any form that a request may have.
-REQUESTS = {"ExportRequest", "Specimen", "PackingModel", "Materials", "Material"}
+REQUESTS = {"AxisRatiosInput", "ExportRequest", "Specimen", "PackingModel", "Materials", "Material"}
 Schema = dict[str, Any]
 
 
