@@ -1,6 +1,6 @@
 //! What both ways of growth share: the random start, the growth curve, expansions, the end, the codec of checkpoints.
 //!
-//! Grains that grow start from random sequential addition at a smaller size ([`start`]) and grow until they have their
+//! Grains that grow start from random sequential addition at a smaller size (`start`) and grow until they have their
 //! size, a limit ends them, or they jam. Spheres move by events ([`super::edmd`]), any grains by random moves
 //! ([`super::monte_carlo`]). Both give the same [`Outcome`].
 
