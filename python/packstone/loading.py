@@ -45,6 +45,7 @@ def load(path: str | PathLike[str]) -> Any:
         - :class:`Lattice`: the zip of the export ``ldpm``.
         - :class:`Svg`, :class:`View`: plots and pages with a viewer (``html``).
         - Tables of pandas: other files as ``csv``.
+        - A dictionary: the folder of ``packstone solve``, with the properties that it computed.
         - Dictionaries: all other documents of JSON, such as requests, reports and tables of studies.
 
     Raises
@@ -83,6 +84,8 @@ def _folder(path: Path) -> Any:
         return LocalStudy.open(path)
     if (path / "packstone.sqlite").exists():
         _other(path, "the data directory of a service", f"`packstone serve --data-dir {path.name}` and Client read it")
+    if (path / "solution.json").exists():
+        return _json(path / "solution.json")
     if (path / "deck.json").exists():
         _other(path, "a deck of a solver", f"`packstone solve {path.name}` runs CalculiX on it")
     for ending in READABLE_TABLES:
@@ -176,10 +179,19 @@ def _meshio(path: Path) -> Any:
     with needed("meshio", path.name):
         import meshio
     try:
-        return meshio.read(path)
+        mesh = meshio.read(path)
     # meshio ends the program, or raises what its readers do.
     except (Exception, SystemExit) as error:
         _other(path, "a file that meshio cannot read", f"Gmsh, Abaqus or CalculiX open it ({error})")
+    if len(mesh.points) == 0:
+        _other(path, "a part of a deck without a mesh", "Abaqus and CalculiX include it; meshio.read reads mesh.inp")
+    return mesh
+
+
+def _dat(path: Path) -> NoReturn:
+    if path.name.startswith(_archives.LATTICE):
+        _other(path, "a table of a lattice", 'packstone.load reads its zip, numpy.loadtxt(path, comments="//") the file')
+    _other(path, "an output of CalculiX", "`packstone solve` of its folder computes what follows from it")
 
 
 def _reads(kind: str, who: str) -> Callable[[Path], Any]:
@@ -215,8 +227,10 @@ READERS: Mapping[str, Callable[[Path], Any]] = {
     "view": _reads("the form of the viewer", "the viewer of the page reads it; of a packing, Packing.view() shows it"),
     "geo": _reads("a script", "`gmsh {name}` opens it"),
     "jsonl": _reads("the runs of a study", "packstone.load reads its folder"),
-    "dat": _reads("an output of CalculiX", "`packstone solve` of its folder computes what follows from it"),
+    "dat": _dat,
     "frd": _reads("an output of CalculiX", "`cgx {name}` and ccx2paraview open it"),
+    "sta": _reads("an output of CalculiX", "it is a text for people"),
+    "log": _reads("a log", "it is a text for people"),
     "pkl": _reads("a pickle", "pickle.load reads it"),
     "xlsx": _reads("a workbook", "packstone.Mix.read reads gradings and recipes in it"),
     "ods": _reads("a workbook", "packstone.Mix.read reads gradings and recipes in it"),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +137,28 @@ def test_every_export_is_read_or_names_its_reader(
         assert isinstance(packstone.load(path), read)
 
 
+@pytest.mark.skipif(shutil.which("gmsh") is None, reason="needs Gmsh, which makes tetrahedra and triangles")
+@pytest.mark.parametrize(("type", "format"), [("mesh", "inp"), ("mesh", "vtu"), ("slice", "inp"), ("slice", "vtu")])
+def test_what_gmsh_fills_is_read(packing: packstone.Packing, tmp_path: Path, type: Any, format: Any) -> None:
+    packing.export(type, tmp_path / f"a.{format}", format=format, segments=8)
+    mesh = packstone.load(tmp_path / f"a.{format}")
+    assert isinstance(mesh, meshio.Mesh if format == "inp" else pyvista.UnstructuredGrid)
+
+
+def test_the_folder_of_a_deck(packing: packstone.Packing, tmp_path: Path) -> None:
+    packing.export("deck", tmp_path / "deck.zip", cells=8)
+    with zipfile.ZipFile(tmp_path / "deck.zip") as archive:
+        archive.extractall(tmp_path / "deck")
+    with pytest.raises(ValueError, match="deck is a deck of a solver: `packstone solve deck`"):
+        packstone.load(tmp_path / "deck")
+    with pytest.raises(ValueError, match="materials.inp is a part of a deck without a mesh"):
+        packstone.load(tmp_path / "deck/materials.inp")
+    assert len(packstone.load(tmp_path / "deck/mesh.inp").points) == 9**3
+    # As `packstone solve` leaves it.
+    (tmp_path / "deck/solution.json").write_text('{"load": "uniaxial_z"}')
+    assert packstone.load(tmp_path / "deck") == {"load": "uniaxial_z"}
+
+
 def test_a_lattice_and_surfaces_are_whole(packing: packstone.Packing, tmp_path: Path) -> None:
     report = packing.export("ldpm", tmp_path / "lattice.zip")
     lattice = packstone.load(tmp_path / "lattice.zip")
@@ -257,6 +281,8 @@ def test_a_folder_of_packings_is_a_dictionary(tmp_path: Path, monkeypatch: pytes
         ("a.pkl", b"", "pickle.load"),
         ("a.xlsx", b"", "packstone.Mix.read"),
         ("a.frd", b"", "cgx"),
+        ("model.dat", b"", "packstone solve"),
+        ("ldpm-data-nodes.dat", b"", "numpy.loadtxt"),
         ("a.packstone", b"PACKSTCK", "packstone.pack"),
         ("a.doc", b"", "must be one of json, csv"),
         ("a.json", b"{", "is damaged or is not JSON"),
