@@ -116,7 +116,7 @@ impl std::fmt::Display for InsertionFailed {
             )?;
         }
         let less = less_of(self.amount, false);
-        write!(f, "; grow the grains instead (method \"auto\"), {less}, or try another seed")?;
+        write!(f, "; grow the grains instead (method \"growth\"), {less}, or try another seed")?;
         if self.placed > 0 {
             write!(f, "; on_limit \"keep\" keeps the grains that were placed")?;
         }
@@ -299,7 +299,7 @@ mod tests {
         for said in [failed.to_string(), TargetNotReached::InsertionFailed(failed.clone()).to_string()] {
             assert!(!said.contains("lower the volume fraction"), "{said}");
             assert!(said.contains("list fewer or smaller diameters"), "{said}");
-            assert!(said.contains("method \"auto\"") && said.contains("on_limit \"keep\""), "{said}");
+            assert!(said.contains("method \"growth\"") && said.contains("on_limit \"keep\""), "{said}");
         }
         let counted = InsertionFailed { amount: Amount::Count, ..failed }.to_string();
         assert!(counted.contains("lower mix.count") && !counted.contains("volume fraction,"), "{counted}");

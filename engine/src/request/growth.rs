@@ -111,7 +111,8 @@ pub struct GrowthStop {
     )]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub events: Option<u64>,
-    /// Of `monte_carlo`: number of sweeps, in each of which every grain tries one move.
+    /// Of `monte_carlo`: number of sweeps, in each of which every grain tries one move. It is looked at between cycles,
+    /// which have five sweeps and more, some thousand where there are few grains.
     #[cfg_attr(
         feature = "openapi",
         schema(required = false, nullable, minimum = 1, maximum = 1_000_000_000_u64)
@@ -125,8 +126,8 @@ pub struct GrowthStop {
 }
 
 impl GrowthOptions {
-    /// The name of the first field, with its value, that growth in this way has no use for.
-    fn useless(&self, by: GrowthBy) -> Option<&'static str> {
+    /// The names of the fields that are given, and that growth in this way has no use for.
+    fn useless(&self, by: GrowthBy) -> impl Iterator<Item = &'static str> {
         let stop = &self.stop;
         let fields = [
             (GrowthBy::Events, "growth_rate", self.growth_rate.is_some()),
@@ -136,7 +137,7 @@ impl GrowthOptions {
             (GrowthBy::Events, "stop/stall_dt_s", stop.stall_dt_s.is_some()),
             (GrowthBy::Moves, "stop/sweeps", stop.sweeps.is_some()),
         ];
-        fields.into_iter().find(|(of, _, is_given)| *is_given && *of != by).map(|(_, name, _)| name)
+        fields.into_iter().filter(move |(of, _, is_given)| *is_given && *of != by).map(|(_, name, _)| name)
     }
 }
 
@@ -168,14 +169,17 @@ pub(super) fn judge(at: &At<'_>, method: &Method, has_shapes: bool) -> Option<()
         );
         return None;
     }
-    let Some(name) = options.useless(by) else { return Some(()) };
     let grains = if has_shapes { "grains with a shape" } else { "spheres" };
-    let by = match (method, by) {
+    let way = match (method, by) {
         (Method::Growth { .. }, by) => format!("{grains} grow by \"{}\", which", by.method()),
         (_, by) => format!("\"{}\"", by.method()),
     };
-    at.fault_below(&format!("/{name}"), format!("{by} has no use for it: must be left out"));
-    None
+    let mut useless = options.useless(by).peekable();
+    let has_use = useless.peek().is_none();
+    for name in useless {
+        at.fault_below(&format!("/{name}"), format!("{way} has no use for it: must be left out"));
+    }
+    has_use.then_some(())
 }
 
 /// Reads the parameters from the method's object, whose `type` was read before.

@@ -68,6 +68,21 @@ fn grains_of_all_kinds_are_packed_until_they_jam() {
 }
 
 #[test]
+fn grains_that_meet_no_other_than_their_own_images_fill_a_periodic_box() {
+    for (diameters, edges) in
+        [(json!([10]), [40, 40, 40]), (json!([10]), [40, 50, 60]), (json!([10, 0.01]), [40; 3])]
+    {
+        let specimen = json!({"type": "box", "size_mm": edges, "boundary": "periodic"});
+        let mix = json!({"grading": {"type": "diameters", "diameters_mm": diameters}, "volume_fraction": "maximize"});
+        for method in ["growth", "auto"] {
+            let packing = packed(&request(&specimen, &mix, &json!({"method": {"type": method}})));
+            let largest = GrainsRef::from(&packing.grains).d_mm(0);
+            assert!(largest <= 40.0 && largest > 39.9, "{method} {edges:?}: {largest}");
+        }
+    }
+}
+
+#[test]
 fn a_list_is_scaled_to_the_densest_packing_whatever_its_sizes() {
     for unit in [0.2, 1.0, 9.0] {
         let diameters: Vec<f64> = (0..60).map(|i| unit * (2.0 + f64::from(i % 5) * 0.3)).collect();

@@ -81,7 +81,7 @@ fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
 
 /// Why a packing without growth has no distance over time.
 const NOT_GROWN: &str = "random sequential addition inserts grains at their full size and distance: a packing that was \
-                         grown by the method `edmd` has a `distance` over time";
+                         grown (method `growth`) with a distance has a `distance` over time";
 
 /// Refuses a plot that no packing of a request can have.
 ///

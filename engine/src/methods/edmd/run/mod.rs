@@ -141,6 +141,19 @@ impl Frame<'_> {
         }
     }
 
+    /// The scale that growth ends at: the target or, to jamming, that at which the largest grain of a periodic box meets
+    /// its own image, which moves along with it and never collides.
+    fn most_scale(&self, protocol: &GrowthProtocol) -> f64 {
+        if self.to_jamming.is_none() {
+            return BEYOND_TARGET;
+        }
+        if !self.request.specimen.is_periodic() {
+            return f64::INFINITY;
+        }
+        let shortest = self.request.specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+        shortest / (2.0 * protocol.radii_mm.iter().copied().fold(f64::MIN_POSITIVE, f64::max))
+    }
+
     /// Whether the limit of time is reached, by a run that took so long before its checkpoint, or the run is to finish.
     pub(crate) fn is_over(&self, earlier_s: f64) -> bool {
         let elapsed_s = || earlier_s + self.started.elapsed().as_secs_f64();
@@ -306,20 +319,13 @@ impl Run {
         let cycle_events = if in_blocks { EVENTS_WITH_GROWTH } else { CYCLE_EVENTS_PER_GRAIN };
         let faster = CYCLE_EVENTS_PER_GRAIN as f64 / cycle_events as f64;
         let speed = faster * relative_speed * self.system.thermal_velocity();
-        let (growth, rate, left) = match self.stage {
-            Stage::Scale => {
-                let alpha = speed / mean;
-                let left =
-                    if frame.to_jamming.is_some() { f64::INFINITY } else { BEYOND_TARGET / self.size - 1.0 };
-                (protocol.by_scale(self.size, alpha), alpha, left)
-            }
-            Stage::Length => {
-                let left = frame.most_half_distance_mm() - self.size;
-                if left <= 0.0 {
-                    return Ok(Some(Ended::As(GrowthEnd::Stalled)));
-                }
-                (protocol.by_length(self.size, speed), speed, left)
-            }
+        let left = self.left(frame, protocol);
+        if left <= 0.0 {
+            return Ok(Some(Ended::As(GrowthEnd::Stalled)));
+        }
+        let (growth, rate) = match self.stage {
+            Stage::Scale => (protocol.by_scale(self.size, speed / mean), speed / mean),
+            Stage::Length => (protocol.by_length(self.size, speed), speed),
         };
         let most = if self.stage == Stage::Scale { CYCLE_GROWTH } else { CYCLE_GROWTH * mean };
         let end = left.min(most) / rate;
@@ -362,7 +368,7 @@ impl Run {
         let reached = reached.min(end);
         self.system.synchronise(reached);
         self.size = match self.stage {
-            Stage::Scale if reached >= end && left <= most => BEYOND_TARGET,
+            Stage::Scale if reached >= end && left <= most => frame.most_scale(protocol),
             Stage::Scale => self.size * (1.0 + growth.alpha * reached),
             Stage::Length if reached >= end && left <= most => self.size + left,
             Stage::Length => self.size + growth.beta * reached,
@@ -384,6 +390,14 @@ impl Run {
         let events = (self.system.counts.collisions() - before.collisions()) as f64;
         let stalled = events >= n as f64 && time / events * (n as f64) < self.least_dt(frame, mean);
         Ok((stalled && !finished).then_some(Ended::As(GrowthEnd::Stalled)))
+    }
+
+    /// What is left to grow: a share of the scale, or half a distance in mm.
+    fn left(&self, frame: &Frame<'_>, protocol: &GrowthProtocol) -> f64 {
+        match self.stage {
+            Stage::Scale => frame.most_scale(protocol) / self.size - 1.0,
+            Stage::Length => frame.most_half_distance_mm() - self.size,
+        }
     }
 
     /// Time between two events of a grain below which growth stalls, in seconds, for grains of this mean radius in mm.

@@ -83,7 +83,7 @@ impl<S: ConvexShape> Run<S> {
                 simulated_time_s: None,
                 events: self.counted.moves_tried,
                 volume_fraction: self.volume_fraction(of),
-                distance_mm: (self.stage == Stage::Gap).then_some(self.kept),
+                distance_mm: self.gap_mm(of),
                 reduced_pressure: None,
             });
         }
