@@ -141,8 +141,8 @@ impl Frame<'_> {
         }
     }
 
-    /// The scale that growth ends at: the target or, to jamming, that at which the largest grain of a periodic box meets
-    /// its own image, which moves along with it and never collides.
+    /// The scale that growth ends at: the target or, to jamming, that at which the largest grain of a periodic box
+    /// meets its own image, which moves along with it and never collides.
     fn most_scale(&self, protocol: &GrowthProtocol) -> f64 {
         if self.to_jamming.is_none() {
             return BEYOND_TARGET;
