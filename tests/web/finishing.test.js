@@ -91,7 +91,7 @@ test("Retry is offered where a second run can succeed, and changes where it cann
   await accessible();
   await page.click("#result a.button:has-text('Grow the grains')");
   await page.waitForURL(/\/#/);
-  assert.deepEqual((await formRequest(page)).method, { type: "edmd" });
+  assert.deepEqual((await formRequest(page)).method, { type: "growth" });
   await page.goto(`${server.url}/jobs?name=too+full`);
   await page.waitForSelector("#jobs tr [data-do=change]");
   assert.equal(await page.locator("#jobs [data-do=retry]").count(), 0);
