@@ -292,5 +292,5 @@ def test_a_failure_says_what_can_succeed(client: packstone.Client) -> None:
         with pytest.raises(packstone.TargetNotReached) as failed:
             call(mixes.unreachable())
         patches = [change["patch"] for change in failed.value.problem["changes"]]
-        assert {"on_limit": "keep"} in patches and {"method": {"type": "edmd", "attempts_per_grain": None}} in patches
+        assert {"on_limit": "keep"} in patches and {"method": {"type": "growth", "attempts_per_grain": None}} in patches
         assert failed.value.problem["can_retry"] is False
