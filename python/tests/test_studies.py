@@ -181,7 +181,7 @@ def test_plots_of_a_job(client: packstone.Client, tmp_path: Path) -> None:
     assert "Grading curve" in titled and len(untitled) < len(titled)
     with pytest.raises(packstone.PackstoneError) as refused:
         job.plot("distance")
-    assert refused.value.status == 422 and "`edmd`" in str(refused.value)
+    assert refused.value.status == 422 and "`growth`" in str(refused.value)
     with pytest.raises(packstone.PackstoneError) as refused:
         job.plot("zingg")
     assert refused.value.status == 422 and "ellipsoids" in str(refused.value)
