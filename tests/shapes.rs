@@ -284,6 +284,9 @@ async fn grains_grow_in_the_way_that_is_for_them_or_that_is_asked_for() {
         assert_eq!(result["summary"]["method_used"], used);
         assert!(!result["statistics"][used].is_null() && !result["timings_s"][used].is_null());
         assert!(result["check"]["min_gap_mm"].as_f64().unwrap() >= 0.2, "{:#}", result["check"]);
+        // Grains keep more and more of the constant distance while they grow.
+        let plot = format!("/v1/jobs/{}/plots/distance", id_of(&finished));
+        client.get(&plot).send().await.expect(200);
     }
     let listed = client.get("/v1/jobs?method=growth").send().await.expect(200).json();
     assert_eq!(listed["items"].as_array().unwrap().len(), 2, "{listed:#}");

@@ -127,7 +127,7 @@ export function plotPart(job, request, report) {
     grading: true,
     radial: report.summary.grains * report.summary.volume_fraction_effective > PAIRS,
     profile: request.specimen.boundary !== "periodic",
-    distance: grown && report.summary.method_used.endsWith("edmd"),
+    distance: grown,
     zingg: Boolean(report.shapes),
     flakiness: Boolean(report.shapes),
     quality: report.summary.grains * report.summary.volume_fraction_effective > PAIRS,

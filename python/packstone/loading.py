@@ -190,7 +190,8 @@ def _meshio(path: Path) -> Any:
 
 def _dat(path: Path) -> NoReturn:
     if path.name.startswith(_archives.LATTICE):
-        _other(path, "a table of a lattice", 'packstone.load reads its zip, numpy.loadtxt(path, comments="//") the file')
+        who = 'packstone.load reads its zip, numpy.loadtxt(path, comments="//") the file'
+        _other(path, "a table of a lattice", who)
     _other(path, "an output of CalculiX", "`packstone solve` of its folder computes what follows from it")
 
 

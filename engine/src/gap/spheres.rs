@@ -176,7 +176,8 @@ mod tests {
             prop_assert!((spheres[0].volume_mm3() / ConvexShape::volume_mm3(&a) - 1.0).abs() < 1e-12);
             let along = scaled(r, 1.0 / norm(r));
             prop_assert!((balls[0].support_mm(r) - turned[0].support_mm(r)).abs() < 1e-9);
-            let [one, other] = [balls[0].contact(&balls[1], r, gap, along, 1), turned[0].contact(&turned[1], r, gap, along, 1)];
+            let one = balls[0].contact(&balls[1], r, gap, along, 1);
+            let other = turned[0].contact(&turned[1], r, gap, along, 1);
             for k in 0..3 {
                 prop_assert!((one.arms_mm[0][k] - other.arms_mm[0][k]).abs() < 1e-9);
                 prop_assert!((one.arms_mm[1][k] - other.arms_mm[1][k]).abs() < 1e-9);

@@ -327,10 +327,10 @@ pub struct Statistics {
     /// Random sequential addition, where it inserted grains; that of the start for grains that were grown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rsa: Option<RsaStatistics>,
-    /// Event-driven molecular dynamics, where grains were grown.
+    /// Event-driven molecular dynamics, where spheres grew by events.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub edmd: Option<EdmdStatistics>,
-    /// Hard-particle Monte Carlo, where grains other than spheres were grown.
+    /// Hard-particle Monte Carlo, where grains grew by moves.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub monte_carlo: Option<MonteCarloStatistics>,
 }

@@ -33,7 +33,7 @@ pub struct MethodEstimate {
 pub struct MethodEstimates {
     /// Random sequential addition.
     pub rsa: MethodEstimate,
-    /// Growth: event-driven molecular dynamics of spheres, hard-particle Monte Carlo of other grains.
+    /// Growth, in the way of the request: by events or by moves.
     pub growth: MethodEstimate,
 }
 

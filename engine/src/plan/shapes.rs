@@ -1,5 +1,5 @@
-//! The plan of a mix whose grains are no spheres: whether its largest grain fits, what no arrangement reaches, and
-//! what the methods are likely to reach in which time.
+//! The plan of a mix whose grains have shapes or grow by moves: whether its largest grain fits, what no arrangement
+//! reaches, and what the methods are likely to reach in which time.
 //!
 //! What is known: ellipsoids 1.5:1.2:1 by Fuller's curve 2..16 mm in a cube of 80 mm, some 8000 grains, which random
 //! addition packs to 0.63 and the dense method to 0.74 in the times of the tables below; and polyhedra of 21 faces and

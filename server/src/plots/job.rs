@@ -67,12 +67,12 @@ fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
             "a periodic box has no walls to measure a depth from: a box with walls or a cylinder has a `profile`",
         ),
         (JobPlot::Distance, Distance::None { .. } | Distance::Constant { gap_mm: 0.0, .. }) => Some(
-            "the request sets no distance between grains: a packing with a constant or the largest distance, grown by \
-             the method `edmd`, has a `distance` over time",
+            "the request sets no distance between grains: a packing that was grown (method `growth`) \
+             with a constant or the largest distance has a `distance` over time",
         ),
         (JobPlot::Distance, Distance::Proportional { .. } | Distance::SmallerDiameter { .. }) => Some(
-            "the distance varies from pair to pair: a packing with a constant or the largest distance, grown by the \
-             method `edmd`, has a `distance` over time",
+            "the distance varies from pair to pair: a packing that was grown (method `growth`) with \
+             a constant or the largest distance has a `distance` over time",
         ),
         (JobPlot::Distance, _) if matches!(request.method, Method::Rsa { .. }) => Some(NOT_GROWN),
         _ => None,
@@ -81,7 +81,7 @@ fn never(kind: JobPlot, request: &PackingRequest) -> Option<&'static str> {
 
 /// Why a packing without growth has no distance over time.
 const NOT_GROWN: &str = "random sequential addition inserts grains at their full size and distance: a packing that was \
-                         grown (method `growth`) with a distance has a `distance` over time";
+                         grown (method `growth`) with a constant or the largest distance has a `distance` over time";
 
 /// Refuses a plot that no packing of a request can have.
 ///

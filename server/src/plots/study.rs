@@ -262,7 +262,7 @@ impl Figure {
                 title: "Time per event of the growth".into(),
                 axis: Axis::linear("time per event in \u{3BC}s").with_zero(),
                 read: Source::Cells(|cells| Some((cells.event_us_median?, None))),
-                when_empty: "no run that grew grains has succeeded: runs of the method `edmd` have events",
+                when_empty: "no run that grew spheres has succeeded: runs by `edmd` have events",
             },
         }
     }
@@ -357,16 +357,13 @@ fn curve_chart(title: String, table: &Table, curves: &[RunCurve], options: &Stud
     let label = "packing time in s";
     Chart {
         title,
-        description: format!(
-            "Smallest gap between grains against packing time, {} runs.",
-            series.len()
-        ),
+        description: format!("Smallest gap between grains against packing time, {} runs.", series.len()),
         x: if options.log_x.unwrap_or(true) { Axis::log(label) } else { Axis::linear(label).with_zero() },
         y: Axis::linear("distance between grains in mm").with_zero(),
         series,
         layout: Layout::default(),
-        when_empty: "no first replicate of a point has a distance over time: runs that are grown by the method `edmd` with \
-                     a constant or the largest distance have one"
+        when_empty: "no first replicate of a point has a distance over time: runs that grow (method \
+                     `growth`) with a constant or the largest distance have one"
             .into(),
     }
 }

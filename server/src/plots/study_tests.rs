@@ -280,7 +280,7 @@ fn curves_of_a_point_share_a_style_and_a_name() {
     assert!(zero.is_empty(), "a distance of 0 is no curve: {zero:?}");
     let refused = crate::plots::draw::svg(&none, true).unwrap_err().to_string();
     assert!(
-        refused.contains("`edmd`") && refused.contains("a constant or the largest distance"),
+        refused.contains("`growth`") && refused.contains("a constant or the largest distance"),
         "{refused}"
     );
 }

@@ -1,4 +1,4 @@
-//! Hard-particle Monte Carlo of growing shaped grains: shake, swap, grow, push.
+//! Hard-particle Monte Carlo of growing grains of any shape: shake, swap, grow, push.
 //!
 //! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size exchange their
 //! places where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
