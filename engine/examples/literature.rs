@@ -32,7 +32,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Op
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
     let growth = MonteCarlo {
         shapes: &shapes,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
         maximize: None,
         initial_scale: None,
@@ -91,7 +91,7 @@ fn added<S: ConvexShape>(name: &str, published: &str, shape: S, grains: usize, s
     let fractions = ATTEMPTS.map(|attempts| {
         let rsa = ShapeRsa {
             shapes: &shapes,
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
             attempts_per_grain: Some(attempts),
             attempts_in: AttemptsIn::Specimen,

@@ -17,7 +17,8 @@
 //! assert!((rule.wall_gap_mm(8.0) - 0.4).abs() < 1e-12);
 //! ```
 
-use crate::request::{Distance, Specimen};
+use crate::domain::Domain;
+use crate::request::Distance;
 
 /// A distance rule with its wall distance, ready to be evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,8 +73,8 @@ impl DistanceRule {
         ContactParts { factor, offset_mm, smaller_share, wall_factor, wall_offset_mm }
     }
 
-    /// The rule of a request.
-    pub fn new(distance: &Distance, specimen: &Specimen) -> Self {
+    /// The rule of a request, in its specimen or in another domain.
+    pub fn new(distance: &Distance, domain: impl Into<Domain>) -> Self {
         let (kind, wall_gap_mm) = match *distance {
             // What is to be maximized is no distance before the grains have grown.
             Distance::None { wall_gap_mm } | Distance::Maximize { wall_gap_mm } => {
@@ -83,7 +84,7 @@ impl DistanceRule {
             Distance::Proportional { factor, wall_gap_mm } => (Kind::Proportional(factor), wall_gap_mm),
             Distance::SmallerDiameter { factor, wall_gap_mm } => (Kind::SmallerDiameter(factor), wall_gap_mm),
         };
-        let walls = specimen.domain().has_walls();
+        let walls = domain.into().has_walls();
         Self { kind, wall_gap_mm, walls }
     }
 

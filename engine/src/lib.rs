@@ -68,7 +68,8 @@ pub use packing::{Grains, Packing, Report, Solids, Spheres};
 pub use plan::{Limits, Plan};
 pub use request::{FieldError, PackingRequest};
 pub use run::{
-    VerifyError, checked_as, compare_stated, inspect, pack, pack_or_resume, verify, verify_failure,
+    OwnError, OwnMix, OwnPacking, VerifyError, checked_as, compare_stated, inspect, pack, pack_or_resume,
+    pack_with, verify, verify_failure,
 };
 pub use template_cache::TemplateCache;
 

@@ -109,7 +109,7 @@ fn ellipsoids(specimen: &Specimen) -> Solids {
         .collect();
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::Constant { gap_mm: 0.2, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,

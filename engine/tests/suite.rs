@@ -19,6 +19,7 @@ mod layers;
 mod literature;
 mod meshes;
 mod mixes;
+mod own_kinds;
 mod packing;
 mod polyhedra;
 #[path = "support/polyhedra.rs"]

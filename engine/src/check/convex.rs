@@ -1,22 +1,23 @@
-//! What the check asks of a grain: all ellipsoids, or bodies of either kind.
+//! What the check asks of a grain ([`Body`]), and its answers for ellipsoids and polyhedra, alone or mixed.
 
 use nalgebra::Vector3;
 
 use super::body::{Ellipsoid, Polyhedron};
-use super::region::Region;
+use super::region::SpecimenRegion;
 use super::separation::{Direction, Image, Verdict, ellipsoids, mixed, polyhedra};
 use super::walls;
 use crate::arrays::Each as _;
 use crate::shape::{Pose, SolidRef};
 
-/// A convex body.
-pub(super) trait Convex: Sync {
+/// A convex body in its place, in a region of some kind.
+pub trait Body<R>: Sync {
+    /// Its centre in mm.
     fn center(&self) -> Vector3<f64>;
 
-    /// Radius of the sphere around the centre that holds the body.
+    /// Radius in mm of a sphere around the centre that holds the body.
     fn radius(&self) -> f64;
 
-    /// Diameter of the sphere of equal volume.
+    /// Diameter in mm of the sphere of equal volume.
     fn equivalent_diameter(&self) -> f64;
 
     /// The support function: how far the body reaches from its centre along a unit vector.
@@ -27,10 +28,10 @@ pub(super) trait Convex: Sync {
 
     /// Gap between the body and the nearest wall, and whether it is at least `required`. Walls farther away than
     /// `enough` may be left out of the gap.
-    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool);
+    fn wall_gap(&self, region: &R, required: f64, enough: f64) -> (f64, bool);
 }
 
-impl Convex for Ellipsoid {
+impl Body<SpecimenRegion> for Ellipsoid {
     fn center(&self) -> Vector3<f64> {
         self.center
     }
@@ -52,19 +53,19 @@ impl Convex for Ellipsoid {
         ellipsoids::Pair::new(self, other, *image).judge(required, enough)
     }
 
-    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool) {
+    fn wall_gap(&self, region: &SpecimenRegion, required: f64, enough: f64) -> (f64, bool) {
         walls::ellipsoid::wall_gap(self, region, required, enough)
     }
 }
 
 /// A grain with position and orientation.
 #[derive(Clone, Debug)]
-pub(super) enum Body<'a> {
+pub(super) enum MixedBody<'a> {
     Ellipsoid(Ellipsoid),
     Polyhedron(Polyhedron<'a>),
 }
 
-impl<'a> Body<'a> {
+impl<'a> MixedBody<'a> {
     /// `None` where the numbers describe no body in space.
     pub(super) fn new(shape: &SolidRef<'a>, pose: &Pose) -> Option<Self> {
         match shape {
@@ -82,7 +83,7 @@ impl<'a> Body<'a> {
     }
 }
 
-impl Convex for Body<'_> {
+impl Body<SpecimenRegion> for MixedBody<'_> {
     fn center(&self) -> Vector3<f64> {
         match self {
             Self::Ellipsoid(body) => body.center,
@@ -139,7 +140,7 @@ impl Convex for Body<'_> {
         }
     }
 
-    fn wall_gap(&self, region: &Region, required: f64, enough: f64) -> (f64, bool) {
+    fn wall_gap(&self, region: &SpecimenRegion, required: f64, enough: f64) -> (f64, bool) {
         match self {
             Self::Ellipsoid(body) => body.wall_gap(region, required, enough),
             Self::Polyhedron(body) => walls::polyhedron::wall_gap(body, region, required),

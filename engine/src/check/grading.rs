@@ -22,7 +22,7 @@
 //! ([`crate::mix::sampling`]); the numbers of a curve or a law ([`Form`]) are data that both read.
 
 use super::asked::{Asked, asked, class, class_of, share_between, volume_mm3};
-use super::region::Region;
+use super::region::SpecimenRegion;
 use super::{Extent, counted};
 use crate::packing::{AggregateReport, ClassReport};
 use crate::request::{Mix, MixPart, PackingRequest};
@@ -152,7 +152,7 @@ fn check_drawn(
 ) -> Result<Graded, String> {
     let mix = &request.mix;
     let parts = mix.parts();
-    let specimen_mm3 = Region::new(&request.specimen).volume_mm3;
+    let specimen_mm3 = SpecimenRegion::new(&request.specimen).volume_mm3;
     let fraction = match mix.count {
         None => mix.requested_fraction().unwrap_or(0.0),
         Some(count) => {

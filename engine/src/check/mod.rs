@@ -60,6 +60,10 @@ use crate::packing::{AggregateReport, CheckReport, ClassReport, GrainsRef};
 use crate::request::PackingRequest;
 use crate::shape::Polyhedron;
 
+pub use convex::Body;
+pub use packing::check_bodies;
+pub use region::Region;
+pub use separation::{Direction, Image, Verdict};
 pub use solids::{certify, certify_shapes, check_shapes, check_solids};
 pub use spheres::{check, check_with};
 
@@ -342,17 +346,24 @@ struct Pairs {
     checked: u64,
 }
 
-impl Inspection {
-    /// Of the smallest gap to a wall with its grain, the pairs, and what was found of the grading.
-    fn new(wall: Option<(f64, usize)>, pairs: &Pairs, graded: Result<grading::Graded, String>) -> Self {
-        let gaps = Gaps {
+impl Gaps {
+    /// Of the smallest gap to a wall with its grain, and the pairs.
+    fn new(wall: Option<(f64, usize)>, pairs: &Pairs) -> Self {
+        Self {
             min_gap_mm: pairs.min_gap_mm,
             closest: pairs.closest,
             min_excess_gap_mm: pairs.min_excess_gap_mm,
             min_wall_gap_mm: wall.map(|(gap, _)| gap),
             closest_to_wall: wall.map(|(_, grain)| grain),
             pairs_checked: pairs.checked,
-        };
+        }
+    }
+}
+
+impl Inspection {
+    /// Of the smallest gap to a wall with its grain, the pairs, and what was found of the grading.
+    fn new(wall: Option<(f64, usize)>, pairs: &Pairs, graded: Result<grading::Graded, String>) -> Self {
+        let gaps = Gaps::new(wall, pairs);
         let check = |graded: grading::Graded| Check {
             found: CheckReport {
                 min_gap_mm: gaps.min_gap_mm,

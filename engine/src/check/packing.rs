@@ -1,39 +1,43 @@
 //! The check of shaped grains: all pairs with all periodic images, all walls.
 //!
 //! Pairs come from the table of the check, which sees the spheres around the grains. What two grains prove and what a
-//! wall asks for is said by their kind ([`Convex`]). Required gaps are those of the diameters of equal volume.
+//! wall asks for is said by their kind ([`Body`]). Required gaps are those of the diameters of equal volume.
+
+use std::num::NonZeroUsize;
 
 use nalgebra::Vector3;
 
-use super::convex::Convex;
+use super::convex::Body;
+use super::region::{Region, SpecimenRegion};
 use super::required::Required;
 use super::separation::{Direction, Image, Verdict};
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
-use super::{Fault, Pairs, SeparationCertificate, walls};
+use super::{Fault, Gaps, Pairs, SeparationCertificate, walls};
 use crate::arrays::{self, Each as _};
+use crate::control::Control;
 use crate::memory::{OutOfMemory, make_room, push, reserved};
 use crate::packing::Spheres;
-use crate::request::{Distance, Specimen};
+use crate::request::Distance;
 
 /// Grains of a piece of the walk: a fraction of a millisecond.
 const GRAINS_PER_PIECE: usize = 256;
 
 /// The bodies of a packing and what its request demands of them.
 #[derive(Debug)]
-pub(super) struct Packing<B> {
+pub(super) struct Packing<B, R = SpecimenRegion> {
     bodies: Vec<B>,
     /// The spheres around the bodies.
     spheres: Spheres,
-    required: Required,
+    required: Required<R>,
 }
 
-impl<B: Convex> Packing<B> {
+impl<R: Region, B: Body<R>> Packing<B, R> {
     /// The bodies of a number of grains, made one by one, with the distances that they keep in their specimen.
     pub(super) fn new(
         grains: usize,
         body_of: impl Fn(usize) -> Option<B>,
-        (distance, specimen): (Distance, Specimen),
+        (distance, region): (Distance, R),
     ) -> Result<Self, Fault> {
         let mut bodies = reserved(grains)?;
         let mut spheres = Spheres::default();
@@ -45,7 +49,7 @@ impl<B: Convex> Packing<B> {
             spheres.push(body.center().into(), 2.0 * body.radius());
             bodies.push(body);
         }
-        let required = Required::new(distance, specimen);
+        let required = Required::new(distance, region);
         Ok(Self { bodies, spheres, required })
     }
 
@@ -61,7 +65,7 @@ impl<B: Convex> Packing<B> {
         let mut least: Option<(f64, usize)> = None;
         for (grain, body) in self.bodies.iter().enumerate() {
             if is_periodic {
-                let clearance_mm = self.required.region().wall_distance_mm(body.center().into());
+                let clearance_mm = self.required.region().face_distance_mm(body.center().into());
                 if clearance_mm < 0.0 {
                     return Err(Fault::Wall { grain, clearance_mm, required_mm: 0.0 });
                 }
@@ -85,7 +89,7 @@ impl<B: Convex> Packing<B> {
     pub(super) fn check_pairs(&self, walk: &Walk<'_>) -> Result<Pairs, Fault> {
         let mut findings = PairFindings::new(None);
         self.check_own_images(&mut findings)?;
-        let Some(d_least) = self.bodies.iter().map(B::equivalent_diameter).reduce(f64::min) else {
+        let Some(d_least) = self.bodies.iter().map(Body::equivalent_diameter).reduce(f64::min) else {
             return Ok(findings.pairs());
         };
         let farthest = self.farthest();
@@ -104,55 +108,9 @@ impl<B: Convex> Packing<B> {
         }
     }
 
-    /// Checks all pairs and returns a direction for each that is closer than a gap.
-    pub(super) fn certificates(
-        &self,
-        closer_than: f64,
-        walk: &Walk<'_>,
-    ) -> Result<Vec<SeparationCertificate>, Fault> {
-        let mut findings = PairFindings::new(Some(closer_than));
-        self.check_own_images(&mut findings)?;
-        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, walk)?;
-        let mut certificates = findings.certificates;
-        let walls = self.wall_certificates(closer_than)?;
-        make_room(&mut certificates, walls.len())?;
-        certificates.extend(walls);
-        // Walls come before other grains; those of a grain stay in the order of the walls.
-        certificates.sort_by_key(|c| (c.first, c.second, c.image));
-        Ok(certificates)
-    }
-
-    /// A direction for each grain and each wall that are closer than a gap.
-    fn wall_certificates(&self, closer_than: f64) -> Result<Vec<SeparationCertificate>, OutOfMemory> {
-        let (mut found, mut refused) = (Vec::new(), None);
-        for (first, body) in self.bodies.iter().enumerate() {
-            let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
-            let reach = |n: &Vector3<f64>| body.reach(n);
-            walls::for_each_near(
-                self.required.region(),
-                body.center(),
-                body.radius(),
-                closer_than,
-                &reach,
-                |normal, gap| {
-                    let certificate = SeparationCertificate {
-                        first,
-                        second: None,
-                        image: [0; 3],
-                        normal: normal.into(),
-                        separation_mm: gap,
-                        required_mm,
-                    };
-                    push(&mut found, certificate, &mut refused);
-                },
-            );
-        }
-        refused.map_or(Ok(found), Err)
-    }
-
     /// A length that no distance of two grains, and no extent of a grain, exceeds.
     fn farthest(&self) -> f64 {
-        let diagonal = self.required.region().bounds_mm.iter().map(|l| l * l).sum::<f64>().sqrt();
+        let diagonal = self.required.region().bounds_mm().iter().map(|l| l * l).sum::<f64>().sqrt();
         self.bodies.iter().map(|b| 2.0 * b.radius()).fold(diagonal, f64::max)
     }
 
@@ -162,7 +120,7 @@ impl<B: Convex> Packing<B> {
         // Equivalent diameters are at most those of the spheres around, and no rule's gap falls with a diameter.
         let table = Table::build(
             &self.spheres,
-            required.region().bounds_mm,
+            required.region().bounds_mm(),
             period.is_some(),
             #[inline(always)]
             |d_i, d_j| required.gap_mm(d_i, d_j) + look,
@@ -236,6 +194,72 @@ impl<B: Convex> Packing<B> {
         }
         Ok(())
     }
+}
+
+impl<B: Body<SpecimenRegion>> Packing<B> {
+    /// Checks all pairs and returns a direction for each that is closer than a gap.
+    pub(super) fn certificates(
+        &self,
+        closer_than: f64,
+        walk: &Walk<'_>,
+    ) -> Result<Vec<SeparationCertificate>, Fault> {
+        let mut findings = PairFindings::new(Some(closer_than));
+        self.check_own_images(&mut findings)?;
+        self.look_at_pairs(closer_than.max(1.0e-12 * self.farthest()), &mut findings, walk)?;
+        let mut certificates = findings.certificates;
+        let walls = self.wall_certificates(closer_than)?;
+        make_room(&mut certificates, walls.len())?;
+        certificates.extend(walls);
+        // Walls come before other grains; those of a grain stay in the order of the walls.
+        certificates.sort_by_key(|c| (c.first, c.second, c.image));
+        Ok(certificates)
+    }
+
+    /// A direction for each grain and each wall that are closer than a gap.
+    fn wall_certificates(&self, closer_than: f64) -> Result<Vec<SeparationCertificate>, OutOfMemory> {
+        let (mut found, mut refused) = (Vec::new(), None);
+        for (first, body) in self.bodies.iter().enumerate() {
+            let required_mm = self.required.wall_gap_mm(body.equivalent_diameter());
+            let reach = |n: &Vector3<f64>| body.reach(n);
+            walls::for_each_near(
+                self.required.region(),
+                body.center(),
+                body.radius(),
+                closer_than,
+                &reach,
+                |normal, gap| {
+                    let certificate = SeparationCertificate {
+                        first,
+                        second: None,
+                        image: [0; 3],
+                        normal: normal.into(),
+                        separation_mm: gap,
+                        required_mm,
+                    };
+                    push(&mut found, certificate, &mut refused);
+                },
+            );
+        }
+        refused.map_or(Ok(found), Err)
+    }
+}
+
+/// Checks that bodies of any kind keep their gaps in a region of any kind: all pairs with all periodic images, and all
+/// walls. That the bodies are those of a mix is not asked.
+///
+/// # Errors
+/// The first fault found, or [`Fault::Stopped`].
+pub fn check_bodies<R: Region, B: Body<R> + Clone>(
+    bodies: &[B],
+    region: R,
+    distance: Distance,
+    threads: NonZeroUsize,
+    control: &dyn Control,
+) -> Result<Gaps, Fault> {
+    let packing = Packing::new(bodies.len(), |i| Some(bodies[i].clone()), (distance, region))?;
+    let wall = packing.check_walls()?;
+    let pairs = packing.check_pairs(&Walk { threads, control })?;
+    Ok(Gaps::new(wall, &pairs))
 }
 
 /// Calls `visit` with the periods to move by, for all that make a vector no longer than `reach`, and for some beyond.

@@ -1,5 +1,6 @@
-//! The region of a specimen as the check sees it: lengths, faces, period, volume. It is written a second time, apart
-//! from the domain that the packing methods ask; the kinds of specimens are told apart here alone.
+//! The region that grains lie in as the check sees it. [`Region`] is what the check of gaps asks of any region, and
+//! [`SpecimenRegion`] answers for the specimens of requests: lengths, faces, period, volume. It is written a second
+//! time, apart from the domain that the packing methods ask; the kinds of specimens are told apart here alone.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -7,9 +8,21 @@ use crate::arrays::Each as _;
 use crate::elementary::hypot;
 use crate::request::{Boundary, Specimen};
 
-/// A region with faces across the axes or, standing on z = 0, with a lateral surface.
+/// What the check asks of a region. How far a grain stays from its walls is said by the [`Body`](super::Body).
+pub trait Region: Sync {
+    /// Edge lengths of a box at the origin that holds the region.
+    fn bounds_mm(&self) -> [f64; 3];
+
+    /// Edge lengths with which the region repeats, if it does, so that its faces are no walls.
+    fn period_mm(&self) -> Option<[f64; 3]>;
+
+    /// Distance in mm from a point to the nearest face; negative outside.
+    fn face_distance_mm(&self, p: [f64; 3]) -> f64;
+}
+
+/// The region of a specimen, with faces across the axes or, standing on z = 0, with a lateral surface.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Region {
+pub(super) struct SpecimenRegion {
     /// Edge lengths of the bounding box, which starts at the origin.
     pub(super) bounds_mm: [f64; 3],
     /// Of an axis with plane faces across it, at 0 and at a length, that length.
@@ -22,7 +35,7 @@ pub(super) struct Region {
     pub(super) volume_mm3: f64,
 }
 
-impl Region {
+impl SpecimenRegion {
     pub(super) fn new(specimen: &Specimen) -> Self {
         match *specimen {
             Specimen::Box { size_mm, boundary } => Self {
@@ -47,14 +60,18 @@ impl Region {
         let faces = if self.is_periodic { [None; 3] } else { self.faces_mm };
         (0..3).filter_map(move |axis| Some((axis, faces[axis]?)))
     }
+}
 
-    /// Edge lengths with which the region repeats, if it does.
-    pub(super) fn period_mm(&self) -> Option<[f64; 3]> {
+impl Region for SpecimenRegion {
+    fn bounds_mm(&self) -> [f64; 3] {
+        self.bounds_mm
+    }
+
+    fn period_mm(&self) -> Option<[f64; 3]> {
         self.is_periodic.then_some(self.bounds_mm)
     }
 
-    /// Distance in mm from a point to the nearest wall; negative outside. Of a periodic box, to its nearest face.
-    pub(super) fn wall_distance_mm(&self, p: [f64; 3]) -> f64 {
+    fn face_distance_mm(&self, p: [f64; 3]) -> f64 {
         let mut least = f64::INFINITY;
         for (x, length) in p.into_iter().zip(self.faces_mm) {
             if let Some(length) = length {

@@ -3,19 +3,19 @@
 //! The distance rules stand here a second time, written as the request documents them, so that a mistake in
 //! [`crate::distance`], which the packing methods use, does not pass the check.
 
-use super::region::Region;
-use crate::request::{Distance, Specimen};
+use super::region::SpecimenRegion;
+use crate::request::Distance;
 
 /// The demands of a request.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Required {
+pub(super) struct Required<R = SpecimenRegion> {
     distance: Distance,
-    region: Region,
+    region: R,
 }
 
-impl Required {
-    pub(super) fn new(distance: Distance, specimen: Specimen) -> Self {
-        Self { distance, region: Region::new(&specimen) }
+impl<R> Required<R> {
+    pub(super) fn new(distance: Distance, region: R) -> Self {
+        Self { distance, region }
     }
 
     /// Gap in mm that grains of two diameters keep: 0, the constant `gap_mm`, `factor` times the mean of the
@@ -43,7 +43,7 @@ impl Required {
     }
 
     /// The region that the grains lie in.
-    pub(super) fn region(&self) -> &Region {
+    pub(super) fn region(&self) -> &R {
         &self.region
     }
 }

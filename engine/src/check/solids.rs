@@ -5,9 +5,10 @@ use std::collections::btree_map::Entry;
 use std::f64::consts::PI;
 use std::num::NonZeroUsize;
 
-use super::convex::{Body, Convex};
+use super::convex::{Body, MixedBody};
 use super::grading::{self, Grains, SIZE_ERROR};
 use super::packing::Packing;
+use super::region::SpecimenRegion;
 use super::required::Required;
 use super::walk::Walk;
 use super::{
@@ -85,13 +86,13 @@ fn judge_shapes(
     scope: Scope,
     walk: &Walk<'_>,
 ) -> Result<Inspection, Fault> {
-    let region = (request.distance, request.specimen);
+    let region = (request.distance, SpecimenRegion::new(&request.specimen));
     // Pairs of ellipsoids are worth a loop of their own.
     if let Some(ellipsoids) = ellipsoids_of(shapes)? {
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
         let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return check_bodies(&packing, (grains, aggregate), (request, extent), scope, walk);
+        return judge_bodies(&packing, (grains, aggregate), (request, extent), scope, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut of_templates: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -117,7 +118,7 @@ fn judge_shapes(
         _ => SIZE_ERROR,
     };
     let grains = Grains::Bodies { sizes: &sizes, error: &error };
-    check_bodies(&packing, (grains, aggregate), (request, extent), scope, walk)
+    judge_bodies(&packing, (grains, aggregate), (request, extent), scope, walk)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -132,7 +133,7 @@ pub fn certify_shapes(
     closer_than_mm: f64,
     control: &dyn Control,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
-    let region = (request.distance, request.specimen);
+    let region = (request.distance, SpecimenRegion::new(&request.specimen));
     certificates(shapes, poses, region, closer_than_mm, &Walk { threads: NonZeroUsize::MIN, control })
 }
 
@@ -152,14 +153,14 @@ pub fn certify(
     let walk = &Walk { threads, control };
     match grains {
         GrainsRef::Spheres(spheres) => {
-            let required = Required::new(distance, specimen);
+            let required = Required::new(distance, SpecimenRegion::new(&specimen));
             spheres::judge_gaps(spheres, &required, walk)?;
             let body = |i: usize| {
                 let shape = Ellipsoid::new([spheres.d_mm[i] / 2.0; 3])?;
                 body::Ellipsoid::new(&shape, &Pose::at(spheres.center(i).into()))
             };
             // The gaps are checked already, as those of spheres.
-            let region = (Distance::None { wall_gap_mm: None }, specimen);
+            let region = (Distance::None { wall_gap_mm: None }, SpecimenRegion::new(&specimen));
             let mut found = Packing::new(spheres.len(), body, region)?.certificates(closer_than_mm, walk)?;
             for certificate in &mut found {
                 let d = spheres.d_mm[certificate.first];
@@ -171,7 +172,7 @@ pub fn certify(
             Ok(found)
         }
         GrainsRef::Solids(solids) => {
-            let region = (distance, specimen);
+            let region = (distance, SpecimenRegion::new(&specimen));
             certificates(&shapes_of(solids)?, &solids.poses, region, closer_than_mm, walk)
         }
     }
@@ -180,7 +181,7 @@ pub fn certify(
 fn certificates(
     shapes: &[SolidRef<'_>],
     poses: &[Pose],
-    region: (Distance, Specimen),
+    region: (Distance, SpecimenRegion),
     closer_than_mm: f64,
     walk: &Walk<'_>,
 ) -> Result<Vec<SeparationCertificate>, Fault> {
@@ -207,7 +208,7 @@ fn ellipsoids_of(shapes: &[SolidRef<'_>]) -> Result<Option<Vec<Ellipsoid>>, OutO
 fn ellipsoid_bodies(
     shapes: &[Ellipsoid],
     poses: &[Pose],
-    region: (Distance, Specimen),
+    region: (Distance, SpecimenRegion),
 ) -> Result<Packing<body::Ellipsoid>, Fault> {
     if shapes.len() != poses.len() {
         return Err(Fault::Columns);
@@ -218,16 +219,16 @@ fn ellipsoid_bodies(
 fn bodies<'a>(
     shapes: &[SolidRef<'a>],
     poses: &[Pose],
-    region: (Distance, Specimen),
-) -> Result<Packing<Body<'a>>, Fault> {
+    region: (Distance, SpecimenRegion),
+) -> Result<Packing<MixedBody<'a>>, Fault> {
     if shapes.len() != poses.len() {
         return Err(Fault::Columns);
     }
-    Packing::new(shapes.len(), |i| Body::new(&shapes[i], &poses[i]), region)
+    Packing::new(shapes.len(), |i| MixedBody::new(&shapes[i], &poses[i]), region)
 }
 
 /// Checks the walls, all pairs, and the grading of grains.
-fn check_bodies<B: Convex>(
+fn judge_bodies<B: Body<SpecimenRegion>>(
     packing: &Packing<B>,
     (grains, aggregate): (Grains<'_>, &[u16]),
     (request, extent): (&PackingRequest, Extent),

@@ -5,6 +5,7 @@ use std::num::NonZeroUsize;
 use nalgebra::Vector3;
 
 use super::grading::{self, Grains};
+use super::region::{Region as _, SpecimenRegion};
 use super::required::Required;
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
@@ -46,7 +47,7 @@ pub(super) fn judge(
     walk: &Walk<'_>,
 ) -> Result<Inspection, Fault> {
     judge_numbers(spheres)?;
-    let required = Required::new(request.distance, request.specimen);
+    let required = Required::new(request.distance, SpecimenRegion::new(&request.specimen));
     let wall = check_walls(spheres, &required)?;
     let pairs = match scope {
         Scope::All => check_pairs(spheres, &required, walk)?,
@@ -83,7 +84,7 @@ fn judge_numbers(spheres: &Spheres) -> Result<(), Fault> {
 fn check_walls(spheres: &Spheres, required: &Required) -> Result<Option<(f64, usize)>, Fault> {
     let mut least: Option<(f64, usize)> = None;
     for (grain, &d) in spheres.d_mm.iter().enumerate() {
-        let distance_mm = required.region().wall_distance_mm(spheres.center(grain));
+        let distance_mm = required.region().face_distance_mm(spheres.center(grain));
         if required.region().period_mm().is_some() {
             if distance_mm < 0.0 {
                 return Err(Fault::Wall { grain, clearance_mm: distance_mm, required_mm: 0.0 });
@@ -121,7 +122,7 @@ impl Findings for Nearest {
 fn check_pairs(spheres: &Spheres, required: &Required, walk: &Walk<'_>) -> Result<Pairs, Fault> {
     let mut pairs = own_images(spheres, required)?;
     let Some(d_least) = spheres.d_mm.iter().copied().reduce(f64::min) else { return Ok(pairs) };
-    let bounds = required.region().bounds_mm;
+    let bounds = required.region().bounds_mm();
     let farthest = bounds.iter().map(|l| l * l).sum::<f64>().sqrt();
     let surely_kept = required.gap_mm(d_least, d_least);
     // A dense packing has many pairs closer than this; a loose one is looked at again, further out.

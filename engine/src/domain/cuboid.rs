@@ -15,7 +15,7 @@ pub(super) fn domain(size_mm: [f64; 3], boundary: Boundary) -> Domain {
         bounds_mm: size_mm,
         periods_mm: size_mm.map(|length| is_periodic.then_some(length)),
         face_names: &NAMES,
-        faces: [x_min, x_max, y_min, y_max, z_min, z_max],
+        faces: [x_min, x_max, y_min, y_max, z_min, z_max, None, None],
         volume_mm3: x * y * z,
         surface_mm2: 2.0 * (x * y + y * z + z * x),
     }

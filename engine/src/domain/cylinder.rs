@@ -15,7 +15,7 @@ pub(super) fn domain(diameter_mm: f64, height_mm: f64) -> Domain {
         bounds_mm: [diameter_mm, diameter_mm, height_mm],
         periods_mm: [None; 3],
         face_names: &NAMES,
-        faces: [side, z_min, z_max, None, None, None],
+        faces: [side, z_min, z_max, None, None, None, None, None],
         volume_mm3: PI / 4.0 * diameter_mm * diameter_mm * height_mm,
         surface_mm2: PI * diameter_mm * (diameter_mm / 2.0 + height_mm),
     }

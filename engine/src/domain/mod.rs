@@ -7,12 +7,15 @@
 
 mod cuboid;
 mod cylinder;
+mod polytope;
 mod region;
 #[cfg(test)]
 mod tests;
 
 use std::f64::consts::PI;
 
+use nalgebra::Vector3;
+pub use polytope::PolytopeError;
 pub use region::Region;
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +23,7 @@ use crate::elementary::hypot;
 use crate::request::Specimen;
 
 /// Most faces of a domain.
-const MOST_FACES: usize = 6;
+pub const MOST_FACES: usize = 8;
 
 impl Specimen {
     /// The region that it stands for.
@@ -64,6 +67,18 @@ impl Specimen {
     }
 }
 
+impl From<&Specimen> for Domain {
+    fn from(specimen: &Specimen) -> Self {
+        specimen.domain()
+    }
+}
+
+impl From<&Domain> for Domain {
+    fn from(domain: &Domain) -> Self {
+        *domain
+    }
+}
+
 /// A region of space, in a bounding box that starts at the origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Domain {
@@ -89,15 +104,13 @@ pub enum Face {
     Lateral(Lateral),
 }
 
-/// A plane face across an axis. Its inward normal points along the axis, or against it.
+/// A plane face: the points `p` with `normal · p = offset_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FacePlane {
-    /// The axis that the face is across.
-    pub axis: usize,
-    /// Coordinate of the face along the axis.
-    pub at_mm: f64,
-    /// Whether the domain lies above the face, on the side of larger coordinates.
-    pub is_low: bool,
+    /// The inward normal, a unit vector.
+    pub normal: Vector3<f64>,
+    /// Distance of the face from the origin along the normal.
+    pub offset_mm: f64,
 }
 
 /// The lateral surface of a cylinder with its axis along z.
@@ -164,7 +177,7 @@ impl Domain {
     pub fn walls(&self) -> impl Iterator<Item = Face> + use<> {
         let periods_mm = self.periods_mm;
         self.faces().filter(move |face| match face {
-            Face::Plane(plane) => periods_mm[plane.axis].is_none(),
+            Face::Plane(plane) => plane.across().is_none_or(|(axis, _)| periods_mm[axis].is_none()),
             Face::Lateral(_) => true,
         })
     }
@@ -175,10 +188,24 @@ impl Domain {
         self.walls().next().is_some()
     }
 
-    /// The axes with a pair of plane walls, in ascending order.
+    /// The axes with a pair of plane walls at the ends of the bounding box, in ascending order.
     pub fn walled_axes(&self) -> impl Iterator<Item = usize> + use<> {
-        self.walls().filter_map(|wall| match wall {
-            Face::Plane(plane) if plane.is_low => Some(plane.axis),
+        let walls = *self;
+        (0..3).filter(move |&axis| {
+            FacePlane::pair(axis, walls.bounds_mm[axis])
+                .into_iter()
+                .all(|plane| walls.walls().any(|wall| wall == Face::Plane(plane)))
+        })
+    }
+
+    /// The plane walls that are none of these pairs.
+    pub fn oblique_walls(&self) -> impl Iterator<Item = FacePlane> + use<> {
+        let paired = self.walled_axes().fold([false; 3], |mut paired, axis| {
+            paired[axis] = true;
+            paired
+        });
+        self.walls().filter_map(move |wall| match wall {
+            Face::Plane(plane) if !plane.across().is_some_and(|(axis, _)| paired[axis]) => Some(plane),
             _ => None,
         })
     }
@@ -203,7 +230,7 @@ impl Domain {
     #[must_use]
     pub fn clearance_reaching_some(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
         let reached = |wall| match wall {
-            Face::Plane(plane) => plane.distance_mm(center) + half[plane.axis],
+            Face::Plane(plane) => plane.distance_mm(center) + plane.half_width_mm(half),
             Face::Lateral(Lateral { center_mm, radius_mm }) => {
                 let nearest = |a: usize| ((center[a] - center_mm[a]).abs() - half[a]).max(0.0);
                 radius_mm - hypot(nearest(0), nearest(1))
@@ -216,7 +243,7 @@ impl Domain {
     #[must_use]
     pub fn clearance_reaching_all(&self, center: [f64; 3], half: [f64; 3]) -> f64 {
         let reached = |wall| match wall {
-            Face::Plane(plane) => plane.distance_mm(center) - half[plane.axis],
+            Face::Plane(plane) => plane.distance_mm(center) - plane.half_width_mm(half),
             Face::Lateral(Lateral { center_mm, radius_mm }) => {
                 let farthest = |a: usize| (center[a] - center_mm[a]).abs() + half[a];
                 radius_mm - hypot(farthest(0), farthest(1))
@@ -244,15 +271,36 @@ impl Domain {
 }
 
 impl FacePlane {
+    /// The face through a point, with its inward normal, which need not be of length 1.
+    #[must_use]
+    pub fn new(normal: Vector3<f64>, through_mm: Vector3<f64>) -> Self {
+        let normal = normal.normalize();
+        Self { normal, offset_mm: normal.dot(&through_mm) }
+    }
+
     /// The two faces across an axis at 0 and at a length.
     fn pair(axis: usize, length_mm: f64) -> [Self; 2] {
-        [Self { axis, at_mm: 0.0, is_low: true }, Self { axis, at_mm: length_mm, is_low: false }]
+        let along = |sign: f64| Vector3::from_fn(|a, _| if a == axis { sign } else { 0.0 });
+        [Self { normal: along(1.0), offset_mm: 0.0 }, Self { normal: along(-1.0), offset_mm: -length_mm }]
+    }
+
+    /// The axis that the face is across, and its coordinate along this axis; `None` of an oblique face.
+    #[must_use]
+    pub fn across(&self) -> Option<(usize, f64)> {
+        let axis = (0..3).find(|&axis| self.normal[axis].abs() == 1.0)?;
+        Some((axis, self.offset_mm * self.normal[axis]))
     }
 
     /// How far inside of the face a point lies.
     #[must_use]
     #[inline]
     pub fn distance_mm(&self, p: [f64; 3]) -> f64 {
-        if self.is_low { p[self.axis] - self.at_mm } else { self.at_mm - p[self.axis] }
+        self.normal.dot(&Vector3::from(p)) - self.offset_mm
+    }
+
+    /// Half of the extent across the face of a cuboid with these half edges.
+    #[inline]
+    fn half_width_mm(&self, half: [f64; 3]) -> f64 {
+        self.normal.abs().dot(&Vector3::from(half))
     }
 }

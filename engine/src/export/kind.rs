@@ -163,6 +163,39 @@ pub trait Export: Serialize + Sized {
     }
 }
 
+/// What writes a file of a packing of some kind: every [`Export`] of a [`Model`], and others of an
+/// [`OwnPacking`](crate::OwnPacking).
+pub trait Writes<P> {
+    /// The figures of what is written.
+    type Report;
+
+    /// Writes the file.
+    ///
+    /// # Errors
+    /// See [`ExportError`].
+    fn write(
+        &self,
+        packing: &P,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<Self::Report, ExportError>;
+}
+
+impl<E: Export> Writes<Model<'_>> for E {
+    type Report = E::Report;
+
+    fn write(
+        &self,
+        packing: &Model<'_>,
+        limits: &Limits,
+        control: &dyn Control,
+        out: &mut dyn Write,
+    ) -> Result<Self::Report, ExportError> {
+        Export::write(self, packing, limits, control, out)
+    }
+}
+
 /// What the report of a file that another process made is checked against.
 #[derive(Clone, Copy, Debug)]
 pub struct Made<'a> {

@@ -50,7 +50,7 @@ use crate::packing::GrainsRef;
 use crate::request::{Distance, FieldError, Materials, Specimen};
 
 pub use catalog::{ExportReport, ExportRequest, ExportType};
-pub use kind::{ComputationEstimate, Expected, Export, ExportEstimate, Made};
+pub use kind::{ComputationEstimate, Expected, Export, ExportEstimate, Made, Writes};
 pub use materials::PhaseMaterial;
 pub use mesh::SurfaceCache;
 pub use mesher::{MeshDimension, Mesher, MesherFiles, MesherInput, SIZES, SURFACES, WriteSurfaces};

@@ -17,7 +17,7 @@
 //! ellipsoids that only touch are therefore closer than `g`: they are no test of a gap.
 
 pub use super::grain::Decision;
-use super::grain::{ConvexShape, Orientation, PushContact, Turned};
+use super::grain::{ConvexShape, PushContact, Turned};
 use super::linear::{Symmetric, Vector, cross, dot, minus, norm, scaled, sum};
 use super::walls;
 use crate::arrays::Each as _;
@@ -357,20 +357,6 @@ impl ConvexShape for Ellipsoid {
     fn per_inertia(&self, per_mass: f64) -> Vector {
         let [a, b, c] = Vector::from(self.semi_axes_mm()).each(|axis| axis * axis);
         [5.0 * per_mass / (b + c), 5.0 * per_mass / (a + c), 5.0 * per_mass / (a + b)]
-    }
-
-    #[inline(always)]
-    fn rows(&self, pose: &Pose) -> [Vector; 3] {
-        let r = pose.rotation();
-        [0, 1, 2].each(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
-    }
-
-    fn to_principal(&self, orientation: Orientation) -> Orientation {
-        orientation
-    }
-
-    fn of_principal(&self, orientation: Orientation) -> Orientation {
-        orientation
     }
 
     #[inline(always)]

@@ -7,6 +7,7 @@
 use std::fmt::Debug;
 
 use super::linear::{Symmetric, Vector};
+use crate::arrays::Each as _;
 use crate::shape::Pose;
 
 /// Whether a pair keeps a gap.
@@ -70,14 +71,24 @@ pub trait ConvexShape: Copy + Debug {
     /// One over the moments of inertia about the principal axes, by one over the mass.
     fn per_inertia(&self, per_mass: f64) -> Vector;
 
-    /// The rotation of the principal axes at a pose, by rows.
-    fn rows(&self, pose: &Pose) -> [Vector; 3];
+    /// The rotation of the principal axes at a pose, by rows. By default the axes of the shape are principal.
+    #[inline(always)]
+    fn rows(&self, pose: &Pose) -> [Vector; 3] {
+        let r = pose.rotation();
+        [0, 1, 2].each(|i| [r[(i, 0)], r[(i, 1)], r[(i, 2)]])
+    }
 
     /// The orientation of the principal axes, of that of the shape.
-    fn to_principal(&self, orientation: Orientation) -> Orientation;
+    #[inline(always)]
+    fn to_principal(&self, orientation: Orientation) -> Orientation {
+        orientation
+    }
 
     /// The orientation of the shape, of that of the principal axes.
-    fn of_principal(&self, orientation: Orientation) -> Orientation;
+    #[inline(always)]
+    fn of_principal(&self, orientation: Orientation) -> Orientation {
+        orientation
+    }
 
     /// The shape turned by the rotation of its principal axes.
     fn turned(&self, rows: &[Vector; 3]) -> Self::Turned;

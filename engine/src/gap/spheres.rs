@@ -3,7 +3,7 @@
 
 use std::f64::consts::PI;
 
-use super::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
+use super::grain::{ConvexShape, Decision, PushContact, Turned};
 use super::linear::{Symmetric, Vector, dot, norm, scaled};
 use crate::shape::Pose;
 
@@ -80,14 +80,6 @@ impl ConvexShape for Sphere {
     #[inline(always)]
     fn rows(&self, _: &Pose) -> [Vector; 3] {
         [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    }
-
-    fn to_principal(&self, orientation: Orientation) -> Orientation {
-        orientation
-    }
-
-    fn of_principal(&self, orientation: Orientation) -> Orientation {
-        orientation
     }
 
     #[inline(always)]

@@ -26,12 +26,7 @@ const ACROSS: usize = 2;
 #[must_use]
 pub fn wall_gap_mm(center_mm: Vector, grain: &impl Turned, domain: &Domain) -> f64 {
     let gap_mm = |wall| match wall {
-        Face::Plane(plane) => {
-            let mut n = [0.0; 3];
-            n[plane.axis] = 1.0;
-            let reach = if plane.is_low { grain.support_back_mm(n) } else { grain.support_mm(n) };
-            plane.distance_mm(center_mm) - reach
-        }
+        Face::Plane(plane) => plane.distance_mm(center_mm) - grain.support_back_mm(plane.normal.into()),
         Face::Lateral(Lateral { center_mm: [x, y], radius_mm }) => {
             radius_mm - grain.reach_across_mm([center_mm[0] - x, center_mm[1] - y]).0
         }

@@ -8,8 +8,8 @@
 
 use nalgebra::Vector3;
 
+use crate::domain::Domain;
 use crate::memory::{OutOfMemory, make_room};
-use crate::request::Specimen;
 
 /// Share of a length by which reaches are longer than asked for, far above rounding.
 const MARGIN: f64 = 1e-9;
@@ -32,8 +32,8 @@ pub(crate) struct Image {
 }
 
 impl Images {
-    pub(crate) fn new(specimen: &Specimen) -> Self {
-        let domain = specimen.domain();
+    pub(crate) fn new(domain: impl Into<Domain>) -> Self {
+        let domain = domain.into();
         Self { bounds_mm: domain.bounds_mm, is_periodic: domain.periods_mm.map(|period| period.is_some()) }
     }
 
@@ -154,6 +154,7 @@ mod tests {
     use super::*;
     use crate::properties::properties;
     use crate::request::Boundary;
+    use crate::request::Specimen;
 
     fn periodic(size_mm: [f64; 3]) -> Images {
         Images::new(&Specimen::Box { size_mm, boundary: Boundary::Periodic })

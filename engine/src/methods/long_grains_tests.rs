@@ -85,7 +85,7 @@ fn assert_all_images_apart(
 fn inserted(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> Vec<Pose> {
     let rsa = ShapeRsa {
         shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(distance, specimen),
         attempts_per_grain: Some(2_000_000),
         attempts_in: AttemptsIn::Specimen,
@@ -99,7 +99,7 @@ fn inserted(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -
 fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> Vec<Pose> {
     let outcome = MonteCarlo {
         shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(distance, specimen),
         maximize: None,
         initial_scale: None,
@@ -207,7 +207,8 @@ fn one_grain_longer_than_its_box_is_turned_clear_of_itself() {
 fn fewer_grains_can_be_named_the_more_images_they_have() {
     let shapes = |d_mm: f64| [ellipsoid(d_mm, NEEDLE)];
     let rule = DistanceRule::new(&NONE, &periodic([8.0, 60.0, 60.0]));
-    let most = |d_mm: f64, specimen: &Specimen| monte_carlo::most_grains(&shapes(d_mm), specimen, &rule);
+    let most =
+        |d_mm: f64, specimen: &Specimen| monte_carlo::most_grains(&shapes(d_mm), &specimen.domain(), &rule);
     assert_eq!(most(0.5, &periodic([8.0, 60.0, 60.0])), monte_carlo::MAX_GRAINS as u64);
     // 2.1 (14 + 1.6 6) + 8 is less than 58 mm: |k| < 1 + 58 / 8 and two more axes of one step, or three.
     let few = most(6.03, &periodic([8.0, 60.0, 60.0]));
@@ -229,7 +230,7 @@ fn what_meets_its_own_image_in_every_orientation_is_proven_to_have_no_place() {
         let shapes = [ellipsoid(d_mm, form)];
         let rsa = ShapeRsa {
             shapes: &shapes,
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule: DistanceRule::new(distance, &specimen),
             attempts_per_grain: None,
             attempts_in: AttemptsIn::Specimen,

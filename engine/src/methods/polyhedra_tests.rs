@@ -89,7 +89,7 @@ fn rsa<'a>(
 ) -> ShapeRsa<'a, SolidRef<'a>> {
     ShapeRsa {
         shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: rule(distance, specimen),
         attempts_per_grain: Some(3_000_000),
         attempts_in: AttemptsIn::Specimen,
@@ -108,7 +108,7 @@ fn growth<'a>(
     };
     MonteCarlo {
         shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: rule(distance, specimen),
         maximize,
         initial_scale: None,

@@ -13,6 +13,7 @@ mod densest_tests;
 mod growth_tests;
 mod job;
 mod kept;
+mod own;
 mod partial;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -49,6 +50,7 @@ use crate::shape::{Ellipsoid, Solid};
 use crate::template_cache::TemplateCache;
 use partial::{Kept, Short};
 
+pub use own::{OwnError, OwnMix, OwnPacking, pack_with};
 pub use partial::checked_as;
 pub use verify::{VerifyError, compare_stated, verify, verify_failure};
 

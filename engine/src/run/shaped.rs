@@ -83,7 +83,7 @@ fn check_number<S: ConvexShape>(
     is_list: bool,
 ) -> Result<(), PackError> {
     let rule = DistanceRule::new(&request.distance, &request.specimen);
-    let most = monte_carlo::most_grains(shapes, &request.specimen, &rule);
+    let most = monte_carlo::most_grains(shapes, &request.specimen.domain(), &rule);
     if shapes.len() as u64 <= most {
         return Ok(());
     }
@@ -124,7 +124,7 @@ pub(super) fn grown_by_moves<S: ConvexShape>(
     let preference = preference(request, &shapes)?;
     let method = MonteCarlo {
         shapes: &[],
-        specimen: &request.specimen,
+        domain: request.specimen.domain(),
         rule: DistanceRule::new(&request.distance, &request.specimen),
         maximize: match request.distance {
             Distance::Maximize { wall_gap_mm } => Some(wall_gap_mm),
@@ -176,7 +176,7 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
         let orientation = request.mix.orientation;
         let rsa = ShapeRsa {
             shapes: &self.shapes,
-            specimen: &request.specimen,
+            domain: request.specimen.domain(),
             rule: DistanceRule::new(&request.distance, &request.specimen),
             attempts_per_grain,
             attempts_in: AttemptsIn::Specimen,

@@ -233,8 +233,7 @@ fn between_walls<T: Turned>(grain: &T, center: Vector, domain: &Domain, gap: &Ga
     let mut most = most;
     for wall in domain.walls() {
         if let Face::Plane(plane) = wall {
-            let n = arrays::from_fn(|a| if a == plane.axis { 1.0 } else { 0.0 });
-            let reach = if plane.is_low { grain.support_back_mm(n) } else { grain.support_mm(n) };
+            let reach = grain.support_back_mm(plane.normal.into());
             most = most.min(gap.scale(plane.distance_mm(center), reach));
         }
     }

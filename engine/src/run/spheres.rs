@@ -59,7 +59,7 @@ impl<'a> Job<'a> for SphereJob<'a> {
         let preference = Preference::new(request, self.diameters);
         let rsa = Rsa {
             diameters_mm: self.diameters,
-            specimen: &request.specimen,
+            domain: request.specimen.domain(),
             rule: DistanceRule::new(&request.distance, &request.specimen),
             attempts_per_grain,
             preference: preference.as_ref(),

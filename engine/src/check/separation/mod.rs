@@ -23,11 +23,11 @@ pub(in crate::check) const EXACT_ERROR: f64 = 1.0 / (1_u128 << 96) as f64;
 
 /// A direction and what it shows.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Direction {
-    /// Of length 1 within rounding.
-    pub(super) normal: Vector3<f64>,
-    /// `s(n)`.
-    pub(super) separation: f64,
+pub struct Direction {
+    /// From the first grain to the second, of length 1 within rounding.
+    pub normal: Vector3<f64>,
+    /// `s(n)` in mm.
+    pub separation: f64,
 }
 
 impl Direction {
@@ -40,7 +40,7 @@ impl Direction {
 
 /// What the search for a direction has shown of a pair.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Verdict {
+pub enum Verdict {
     /// The pair is farther apart than anything is asked about it.
     Clear,
     /// It keeps the required gap; the direction is that of the distance.
@@ -51,16 +51,17 @@ pub(super) enum Verdict {
 
 /// A second body moved by whole periods.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Image {
+pub struct Image {
     /// Periods that it is moved by.
-    pub(super) steps: [f64; 3],
-    /// Their lengths.
-    pub(super) period: [f64; 3],
+    pub steps: [f64; 3],
+    /// Their lengths in mm; 0 without periods.
+    pub period: [f64; 3],
 }
 
 impl Image {
+    /// What the second body is moved by, in mm.
     #[inline(always)]
-    pub(in crate::check) fn shift(&self) -> Vector3<f64> {
+    pub fn shift(&self) -> Vector3<f64> {
         Vector3::from_fn(|k, _| self.steps[k] * self.period[k])
     }
 

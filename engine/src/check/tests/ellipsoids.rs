@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::check::region::SpecimenRegion;
 use crate::properties::properties;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -132,7 +133,7 @@ fn grains_pushed_into_another_by_a_billionth_of_their_size_are_refused() {
             grains.truncate(2);
         }
         let request = request_for(&specimen, &distance, &grains);
-        let gap = Required::new(request.distance, request.specimen)
+        let gap = Required::new(request.distance, SpecimenRegion::new(&request.specimen))
             .gap_mm(grains[0].0.equivalent_diameter_mm(), grains[1].0.equivalent_diameter_mm());
         let d = direction(&mut rng);
         let (touching, n) = if gap > 0.0 || case % 2 == 0 {
@@ -393,8 +394,8 @@ fn grains_pushed_into_a_wall_by_a_billionth_of_their_size_are_refused() {
         let mut grain =
             (shape, Pose { center_mm: Vector3::new(16.0, 16.0, 17.0), orientation: orientation(&mut rng) });
         let request = request_for(&specimen, &distance, &[grain]);
-        let gap =
-            Required::new(request.distance, request.specimen).wall_gap_mm(shape.equivalent_diameter_mm());
+        let gap = Required::new(request.distance, SpecimenRegion::new(&request.specimen))
+            .wall_gap_mm(shape.equivalent_diameter_mm());
         let angle = TAU * uniform(&mut rng);
         let (m, to_wall) = match (is_cylinder, case / 2 % 3) {
             (true, 0 | 1) => (Vector3::new(angle.cos(), angle.sin(), 0.0), 16.0),

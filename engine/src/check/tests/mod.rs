@@ -5,6 +5,7 @@ mod mixed;
 mod polyhedra;
 mod threads;
 
+use crate::check::region::SpecimenRegion;
 use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -243,7 +244,7 @@ properties! {
         }
         let request = request(&json!({"type": "box", "size_mm": [100, 100, 100]}), &distance, &[a, b]);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
-        let required = Required::new(request.distance, request.specimen);
+        let required = Required::new(request.distance, SpecimenRegion::new(&request.specimen));
         prop_assert!((required.gap_mm(a, b) - rule.gap_mm(a, b)).abs() <= 1e-14 * rule.gap_mm(a, b));
         prop_assert!((required.wall_gap_mm(a) - rule.wall_gap_mm(a)).abs() <= 1e-14 * rule.wall_gap_mm(a));
     }

@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::check::region::SpecimenRegion;
 use crate::properties::properties;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -88,7 +89,7 @@ fn checked(grains: &[Grain], request: &PackingRequest) -> Result<Check, Fault> {
 }
 
 fn gap_of(grains: &[Grain], request: &PackingRequest) -> f64 {
-    let required = Required::new(request.distance, request.specimen);
+    let required = Required::new(request.distance, SpecimenRegion::new(&request.specimen));
     required.gap_mm(grains[0].equivalent_diameter(), grains[1].equivalent_diameter())
 }
 
@@ -290,7 +291,7 @@ fn polyhedra_pushed_through_a_wall_by_a_billionth_of_their_size_are_refused() {
         let scale = between(&mut rng, 1.0, 3.0);
         let mut grain = Grain::random(&mut rng, V::new(16.0, 16.0, 17.0), scale, 0.03);
         let request = request_for(&specimen, &distance, std::slice::from_ref(&grain));
-        let required = Required::new(request.distance, request.specimen);
+        let required = Required::new(request.distance, SpecimenRegion::new(&request.specimen));
         let gap = required.wall_gap_mm(grain.equivalent_diameter()) + 0.03 * scale;
         let angle = TAU * uniform(&mut rng);
         let (m, room) = match case / 2 % 3 {

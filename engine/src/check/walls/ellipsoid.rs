@@ -19,7 +19,7 @@ use nalgebra::{Matrix2, Vector2};
 use crate::arrays::Each as _;
 use crate::check::body::Ellipsoid;
 use crate::check::double_double::DoubleDouble;
-use crate::check::region::Region;
+use crate::check::region::SpecimenRegion;
 use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::elementary::{atan2, cos, sin};
 
@@ -27,7 +27,7 @@ use crate::elementary::{atan2, cos, sin};
 /// `enough` may be left out of the gap.
 pub(in crate::check) fn wall_gap(
     body: &Ellipsoid,
-    region: &Region,
+    region: &SpecimenRegion,
     required: f64,
     enough: f64,
 ) -> (f64, bool) {

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use crate::check::region::Region;
+use crate::check::region::SpecimenRegion;
 use crate::elementary::{cos, sin};
 
 /// Directions across the axis of a cylinder that are looked at, and bisections between them.
@@ -18,7 +18,7 @@ const BISECTIONS: usize = 60;
 /// centre, its radius and its support function. Of the lateral surface of a cylinder it is the direction in which the
 /// body comes nearest.
 pub(super) fn for_each_near(
-    region: &Region,
+    region: &SpecimenRegion,
     center: Vector3<f64>,
     radius: f64,
     closer_than: f64,

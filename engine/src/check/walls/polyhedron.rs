@@ -5,12 +5,16 @@ use nalgebra::Vector3;
 use crate::arrays::Each as _;
 use crate::check::body::Polyhedron;
 use crate::check::double_double::DoubleDouble;
-use crate::check::region::Region;
+use crate::check::region::SpecimenRegion;
 use crate::check::separation::{ERROR, EXACT_ERROR};
 use crate::elementary::hypot;
 
 /// Gap between a polyhedron and the nearest wall, and whether it is at least `required`.
-pub(in crate::check) fn wall_gap(body: &Polyhedron<'_>, region: &Region, required: f64) -> (f64, bool) {
+pub(in crate::check) fn wall_gap(
+    body: &Polyhedron<'_>,
+    region: &SpecimenRegion,
+    required: f64,
+) -> (f64, bool) {
     if region.is_periodic {
         return (f64::INFINITY, true);
     }

@@ -76,7 +76,7 @@ fn packed(specimen: &Specimen, gap_mm: f64) -> Solids {
         .collect();
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,

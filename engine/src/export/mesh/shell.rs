@@ -11,7 +11,7 @@ use super::options::SurfaceOptions;
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::surface::{Shape, Surface, make_more_than_half_a_turn};
 use crate::arrays::{self, Each as _};
-use crate::domain::{Face, FacePlane, Lateral};
+use crate::domain::{Face, Lateral};
 use crate::elementary::{cos, hypot, sin, sin_cos};
 use crate::request::Specimen;
 
@@ -194,23 +194,24 @@ impl<'a> Close<'a> {
     }
 }
 
-/// The walls of a specimen, each with its point nearest to `p`.
+/// The walls of a specimen, each with its point nearest to `p`. Specimens of requests have no oblique walls.
 pub(super) fn walls(specimen: &Specimen, p: [f64; 3]) -> Vec<(Wall, [f64; 3])> {
     let with_foot = |face| match face {
-        Face::Plane(FacePlane { axis, at_mm, .. }) => {
+        Face::Plane(plane) => {
+            let (axis, at_mm) = plane.across()?;
             let mut foot = p;
             foot[axis] = at_mm;
-            (Wall(Other::Plane(axis, at_mm)), foot)
+            Some((Wall(Other::Plane(axis, at_mm)), foot))
         }
         Face::Lateral(Lateral { center_mm: axis, radius_mm: radius }) => {
             let (x, y) = (p[0] - axis[0], p[1] - axis[1]);
             let from_axis = hypot(x, y);
             // A grain on the axis is as near to the lateral surface all around.
             let (x, y) = if from_axis > 0.0 { (x / from_axis, y / from_axis) } else { (1.0, 0.0) };
-            (Wall(Other::Lateral { axis, radius }), [axis[0] + radius * x, axis[1] + radius * y, p[2]])
+            Some((Wall(Other::Lateral { axis, radius }), [axis[0] + radius * x, axis[1] + radius * y, p[2]]))
         }
     };
-    specimen.domain().faces().map(with_foot).collect()
+    specimen.domain().faces().filter_map(with_foot).collect()
 }
 
 /// A wall.

@@ -63,7 +63,7 @@ impl Fluid {
         let mut scale = cbrt(START_FRACTION / volume_fraction).min(1.0);
         let placing = Rsa {
             diameters_mm: &vec![scale; spheres],
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
             preference: None,
             threads: NonZeroUsize::MIN,

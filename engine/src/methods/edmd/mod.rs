@@ -234,7 +234,7 @@ impl Edmd<'_> {
         let started = start(scale, SMALLER_START, &control, |scale| {
             let placing = Rsa {
                 diameters_mm: &collected(self.diameters_mm.iter().map(|d| scale * d))?,
-                specimen: &self.request.specimen,
+                domain: self.request.specimen.domain(),
                 rule: rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
                 preference: frame.preference.as_ref(),

@@ -43,9 +43,7 @@ impl<S: ConvexShape> System<S> {
             }
             if self.wall_share > 0.0 {
                 let slack = |wall: u32| -self.beyond_wall(wall, hot);
-                let walls =
-                    self.container.walled_axes().flat_map(|axis| [2 * axis as u32, 2 * axis as u32 + 1]);
-                let least = walls.map(slack).fold(self.lateral_slack(hot).0, f64::min);
+                let least = self.container.walls().map(slack).fold(self.lateral_slack(hot).0, f64::min);
                 kept = kept.min(self.more + least / self.wall_share);
             }
         }

@@ -7,7 +7,7 @@
 //! factor of 1.6 of radius each.
 
 use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, normal};
-use super::system::{Container, System};
+use super::system::System;
 use crate::arrays::Each as _;
 use crate::elementary::{cbrt, hypot, ln};
 use crate::gap::grain::{ConvexShape, Turned};
@@ -91,7 +91,7 @@ impl Lists {
             *top = (top.0.max(reach), top.1 + 1);
         }
         self.levels.resize_with(tops.len(), Level::default);
-        let bounds = system.container.bounds().each(|length| length * system.stretch);
+        let bounds = system.container.bounds.each(|length| length * system.stretch);
         for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
             let sparse = cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
             let width = reach.max(sparse);
@@ -236,7 +236,7 @@ impl Lists {
         };
         for i in 0..n {
             let walls = walls(system, i, shrink, self.reserve);
-            for wall in (0..6).filter(|wall| walls >> wall & 1 == 1) {
+            for wall in system.container.walls().filter(|wall| walls >> wall & 1 == 1) {
                 let at = self.next[i] as usize;
                 self.next[i] += 1;
                 system.groups[at / LANES].neighbors[at % LANES] = WALL + wall;
@@ -309,13 +309,12 @@ impl Level {
 fn walls(system: &System<impl ConvexShape>, i: usize, shrink: f64, reserve: f64) -> u32 {
     let (hot, cold) = (&system.hot[i], &system.cold[i]);
     let mut walls = 0;
-    for axis in system.container.walled_axes() {
-        let half = hot.turned.around().0[[0, 3, 5][axis]].sqrt();
+    for wall in system.container.walls() {
+        let (normal, offset) = system.container.wall(wall);
+        let half = system.hot[i].turned.around().quadratic(normal).sqrt();
         // As it will be when the specimen has shrunk.
         let reach = (half + cold.skin + system.wall_gap(hot.d) + reserve) * shrink;
-        let length = system.container.bounds()[axis] * system.stretch;
-        walls |= u32::from(hot.center[axis] < reach) << (2 * axis);
-        walls |= u32::from(hot.center[axis] > length - reach) << (2 * axis + 1);
+        walls |= u32::from(dot(hot.center, normal) - offset * system.stretch < reach) << wall;
     }
     walls
 }
@@ -329,26 +328,20 @@ fn is_special(
     reserve: f64,
 ) -> (bool, bool) {
     let (hot, cold) = (&system.hot[i], &system.cold[i]);
-    let is_near_lateral = match system.container {
-        Container::Cylinder { radius, .. } => {
-            let axis = radius * system.stretch;
-            let far = hypot(hot.center[0] - axis, hot.center[1] - axis);
-            far + (cold.shape.outer_mm() + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
-        }
-        _ => false,
-    };
-    let shortest = system.container.bounds().into_iter().fold(f64::INFINITY, f64::min) * system.stretch;
-    (is_near_lateral, system.container.is_periodic() && 2.0 * reach >= shortest)
+    let is_near_lateral = system.container.lateral.is_some_and(|radius| {
+        let axis = radius * system.stretch;
+        let far = hypot(hot.center[0] - axis, hot.center[1] - axis);
+        far + (cold.shape.outer_mm() + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
+    });
+    let shortest = system.container.bounds.into_iter().fold(f64::INFINITY, f64::min) * system.stretch;
+    (is_near_lateral, system.container.is_periodic && 2.0 * reach >= shortest)
 }
 
 impl<S: ConvexShape> System<S> {
     /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
     pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
-        let (axis, is_far) = ((wall / 2) as usize, wall % 2 == 1);
-        let mut normal = [0.0; 3];
-        normal[axis] = if is_far { 1.0 } else { -1.0 };
-        let length = if is_far { self.container.bounds()[axis] * self.stretch } else { 0.0 };
-        (normal, length - self.wall_gap(d))
+        let (inward, offset) = self.container.wall(wall);
+        (inward.each(|x| -x), -offset * self.stretch - self.wall_gap(d))
     }
 
     /// Lays the first planes between two neighbours, along a direction near that of their gap.

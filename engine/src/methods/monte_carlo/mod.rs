@@ -31,6 +31,7 @@ use std::time::Instant;
 
 use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
+use crate::domain::Domain;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::geometry::images::Images;
@@ -39,7 +40,7 @@ use crate::methods::image_names::ImageNames;
 use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, Orientation, ShapeRsa};
 use crate::mix::sphere_volume;
 use crate::packing::{GrowthEnd, MonteCarloStatistics, Statistics};
-use crate::request::{GrowthStop, Specimen};
+use crate::request::GrowthStop;
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::Pose;
@@ -62,16 +63,16 @@ const START_SHARE: f64 = 0.05;
 
 /// Most grains of these shapes that can be named beside their images: [`MAX_GRAINS`], or fewer where grains are long
 /// against a short edge of a periodic box.
-pub(crate) fn most_grains<S: ConvexShape>(shapes: &[S], specimen: &Specimen, rule: &DistanceRule) -> u64 {
+pub(crate) fn most_grains<S: ConvexShape>(shapes: &[S], domain: &Domain, rule: &DistanceRule) -> u64 {
     let reach = |shape: &S| {
         let d = shape.equivalent_diameter_mm();
         shape.outer_mm() + MOST_SKIN_OVER_D * d + rule.gap_mm(d, d) / 2.0
     };
     let longest_mm = shapes.iter().map(reach).fold(0.0, f64::max);
     // The gap that is maximized is at most an edge, and lists hold for a little more than their time.
-    let shortest_mm = specimen.bounds_mm().into_iter().fold(f64::INFINITY, f64::min);
+    let shortest_mm = domain.bounds_mm.into_iter().fold(f64::INFINITY, f64::min);
     let reach_mm = 2.1 * longest_mm + shortest_mm;
-    ImageNames::most_grains(&Images::new(specimen), reach_mm).min(MAX_GRAINS as u64)
+    ImageNames::most_grains(&Images::new(domain), reach_mm).min(MAX_GRAINS as u64)
 }
 
 /// What is to be packed densely.
@@ -80,7 +81,7 @@ pub struct MonteCarlo<'a, S> {
     /// Grains by equivalent diameter from the largest down, [`MAX_GRAINS`] at most.
     pub shapes: &'a [S],
     /// Where they go.
-    pub specimen: &'a Specimen,
+    pub domain: Domain,
     /// The gaps they keep; without gaps where the largest one is requested.
     pub rule: DistanceRule,
     /// Whether, once all grains have their size, the largest constant gap is requested, and if so the gap to walls
@@ -181,7 +182,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
             let d = shape.equivalent_diameter_mm();
             sphere_volume(d + self.rule.gap_mm(d, d))
         };
-        let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.specimen.volume_mm3();
+        let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.domain.volume_mm3;
         let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
         let first = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
         let scale = self.initial_scale.unwrap_or(cbrt(first / fraction).min(most));
@@ -191,7 +192,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let begun = start(scale, SMALLER_START, &control, |scale| {
             let rsa = ShapeRsa {
                 shapes: self.shapes,
-                specimen: self.specimen,
+                domain: self.domain,
                 rule: self.rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
                 attempts_in: AttemptsIn::Reach,
@@ -203,7 +204,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let rsa_s = started.elapsed().as_secs_f64();
         if !begun.is_complete {
             let volume: f64 = self.shapes.iter().map(S::volume_mm3).sum();
-            let volume_fraction = volume / self.specimen.volume_mm3();
+            let volume_fraction = volume / self.domain.volume_mm3;
             return Ok(Begun::Finished(Box::new(Outcome::unfinished(
                 begun,
                 volume_fraction,

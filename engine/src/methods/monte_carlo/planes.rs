@@ -33,7 +33,7 @@ pub(super) const LANES: usize = 4;
 ///
 /// [`ImageNames`]: crate::methods::image_names::ImageNames
 pub(super) const NOBODY: u32 = u32::MAX;
-/// The first of the six plane walls, as a neighbour: twice the axis, and one more for the far side.
+/// The first of the plane walls, as a neighbour; the others follow by their numbers.
 pub(super) const WALL: u32 = u32::MAX - 16;
 /// Largest number of grains that lists can name where no grain is longer than an edge of its periodic box: beside the
 /// images of two boxes to either side, and more than are ever grown.
@@ -255,8 +255,7 @@ impl<S: ConvexShape> System<S> {
         let planes = &self.groups[group];
         let (j, image) = self.names.read(planes.neighbors[lane]);
         let other = &self.hot[j];
-        let at =
-            if self.container.is_periodic() { sum(other.center, self.shift(image)) } else { other.center };
+        let at = if self.container.is_periodic { sum(other.center, self.shift(image)) } else { other.center };
         let r = minus(at, as_if.center);
         let gap = self.gap(as_if.d, other.d);
         let mut along = along(as_if, other, r, gap, planes.stored_normal(lane));

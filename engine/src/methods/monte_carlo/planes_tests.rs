@@ -27,7 +27,7 @@ fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
         poses.push(Pose { center_mm, orientation: uniform_orientation(rng) });
     }
     let rule = DistanceRule::new(&distance, &specimen);
-    let mut system = System::new(&specimen, rule, &shapes, poses).unwrap();
+    let mut system = System::new(&specimen.domain(), rule, &shapes, poses).unwrap();
     system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
     Lists::default().build(&mut system, 0.98, 0.05).unwrap();
     system
@@ -134,7 +134,7 @@ fn pairs_whose_gap_the_rounded_normal_does_not_show_are_always_decided() {
         let poses = poses.map(|center_mm| Pose { center_mm, orientation: uniform_orientation(rng) });
         let sphere = Ellipsoid::new([1.0; 3]).unwrap();
         let rule = DistanceRule::new(&none, &specimen);
-        let mut system = System::new(&specimen, rule, &[sphere; 2], poses.to_vec()).unwrap();
+        let mut system = System::new(&specimen.domain(), rule, &[sphere; 2], poses.to_vec()).unwrap();
         system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
         Lists::default().build(&mut system, 1.0, 0.0).unwrap();
         assert!(system.is_clear());

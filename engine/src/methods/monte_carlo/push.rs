@@ -269,7 +269,7 @@ impl Pusher {
             if cold.list.is_near_lateral() {
                 let (slack, _) = system.lateral_slack(&hot);
                 if slack < 0.0 {
-                    let axis = system.container.bounds()[0] / 2.0 * system.stretch;
+                    let axis = system.container.bounds[0] / 2.0 * system.stretch;
                     // In a wider cylinder the centre lies farther out in proportion, and the farthest point no more.
                     let out = hypot(hot.center[0] - axis, hot.center[1] - axis);
                     visit(axis - out, axis - out - slack);
@@ -421,7 +421,7 @@ impl<S: ConvexShape> System<S> {
 
     /// Puts the planes of walls to where the walls are.
     pub(super) fn set_wall_planes(&mut self) {
-        if self.container.is_periodic() {
+        if self.container.is_periodic {
             return;
         }
         for i in 0..self.len() {

@@ -10,12 +10,12 @@ use super::planes::Group;
 use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
+use crate::domain::{Domain, Face, FacePlane, MOST_FACES};
 use crate::gap::grain::{ConvexShape, Orientation, Turned};
 use crate::gap::linear::{Vector, dot};
 use crate::geometry::images::Images;
 use crate::memory::{Blocks, OutOfMemory, collected, reserved};
 use crate::methods::image_names::ImageNames;
-use crate::request::Specimen;
 use crate::shape::Pose;
 
 /// What a pair test reads of a grain.
@@ -116,43 +116,46 @@ impl List {
     }
 }
 
-/// The specimen at no stretch.
+/// The domain at no stretch.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Container {
-    Box { size: Vector },
-    Periodic { size: Vector },
-    Cylinder { radius: f64, height: f64 },
+pub(super) struct Container {
+    /// Edge lengths of the bounding box.
+    pub(super) bounds: Vector,
+    /// Whether the domain repeats with them.
+    pub(super) is_periodic: bool,
+    /// The plane walls, with their inward normals.
+    walls: [Option<FacePlane>; MOST_FACES],
+    /// Radius of the lateral surface of a cylinder, whose axis is at x = y = radius.
+    pub(super) lateral: Option<f64>,
 }
 
 impl Container {
-    fn new(specimen: &Specimen) -> Self {
-        let domain = specimen.domain();
-        let size = domain.bounds_mm;
-        match domain.lateral() {
-            Some(lateral) => Self::Cylinder { radius: lateral.radius_mm, height: size[2] },
-            None if domain.has_walls() => Self::Box { size },
-            None => Self::Periodic { size },
+    fn new(domain: &Domain) -> Self {
+        let mut walls = [None; MOST_FACES];
+        let planes = domain.walls().filter_map(|wall| match wall {
+            Face::Plane(plane) => Some(plane),
+            Face::Lateral(_) => None,
+        });
+        for (place, plane) in walls.iter_mut().zip(planes) {
+            *place = Some(plane);
+        }
+        Self {
+            bounds: domain.bounds_mm,
+            is_periodic: !domain.has_walls(),
+            walls,
+            lateral: domain.lateral().map(|lateral| lateral.radius_mm),
         }
     }
 
-    pub(super) fn is_periodic(&self) -> bool {
-        matches!(self, Self::Periodic { .. })
+    /// The numbers of the plane walls.
+    pub(super) fn walls(&self) -> Range<u32> {
+        0..self.walls.iter().flatten().count() as u32
     }
 
-    pub(super) fn bounds(&self) -> Vector {
-        match *self {
-            Self::Box { size } | Self::Periodic { size } => size,
-            Self::Cylinder { radius, height } => [2.0 * radius, 2.0 * radius, height],
-        }
-    }
-
-    /// The axes with a pair of plane walls.
-    pub(super) fn walled_axes(&self) -> Range<usize> {
-        match self {
-            Self::Box { .. } => 0..3,
-            Self::Periodic { .. } => 0..0,
-            Self::Cylinder { .. } => 2..3,
-        }
+    /// The inward normal of a plane wall, and its distance from the origin along it.
+    #[inline(always)]
+    pub(super) fn wall(&self, wall: u32) -> (Vector, f64) {
+        self.walls[wall as usize].map_or(([0.0; 3], 0.0), |plane| (plane.normal.into(), plane.offset_mm))
     }
 }
 
@@ -197,12 +200,12 @@ impl<S: ConvexShape> System<S> {
     /// Grains at poses in the specimen at its requested size. The memory of the poses is freed before the derived
     /// arrays are allocated, which lowers the peak.
     pub(super) fn new(
-        specimen: &Specimen,
+        domain: &Domain,
         rule: DistanceRule,
         shapes: &[S],
         poses: Vec<Pose>,
     ) -> Result<Self, OutOfMemory> {
-        let rank = along_a_curve(&poses, specimen.bounds_mm())?;
+        let rank = along_a_curve(&poses, domain.bounds_mm)?;
         let mut cold: Vec<Cold<S>> = reserved(shapes.len())?;
         for &rank in &rank {
             let (shape, pose) = (&shapes[rank as usize], &poses[rank as usize]);
@@ -228,9 +231,9 @@ impl<S: ConvexShape> System<S> {
         }))?;
         Ok(Self {
             cpu: Cpu::detect(),
-            container: Container::new(specimen),
-            images: Images::new(specimen),
-            names: ImageNames::new(&Images::new(specimen), 0.0)?,
+            container: Container::new(domain),
+            images: Images::new(domain),
+            names: ImageNames::new(&Images::new(domain), 0.0)?,
             own_images: Vec::new(),
             stretch: 1.0,
             rule,
@@ -318,7 +321,7 @@ impl<S: ConvexShape> System<S> {
     /// By how much more than its gap a grain keeps from the lateral surface of a cylinder, and the direction in which
     /// it comes closest to it.
     pub(super) fn lateral_slack(&self, hot: &Hot<S::Turned>) -> (f64, Vector) {
-        let Container::Cylinder { radius, .. } = self.container else { return (f64::INFINITY, [0.0; 3]) };
+        let Some(radius) = self.container.lateral else { return (f64::INFINITY, [0.0; 3]) };
         let axis = radius * self.stretch;
         let (reach, n) = hot.turned.reach_across_mm([hot.center[0] - axis, hot.center[1] - axis]);
         (axis - self.wall_gap(hot.d) - reach, n)
@@ -326,10 +329,10 @@ impl<S: ConvexShape> System<S> {
 
     /// Brings centres back into a periodic box.
     pub(super) fn wrap(&mut self) {
-        if !self.container.is_periodic() {
+        if !self.container.is_periodic {
             return;
         }
-        let size = self.container.bounds().each(|length| length * self.stretch);
+        let size = self.container.bounds.each(|length| length * self.stretch);
         for hot in &mut self.hot {
             for (x, length) in hot.center.iter_mut().zip(size) {
                 let wrapped = *x - length * (*x / length).floor();

@@ -10,6 +10,7 @@ use crate::control::{Progress, Unattended};
 use crate::cpu::tests::on_baseline;
 use crate::methods::brute_force_tests::{assert_valid, is_valid};
 use crate::mix::uniform_orientation;
+use crate::request::Specimen;
 use crate::request::{Boundary, Distance};
 use crate::shape::Ellipsoid;
 
@@ -52,7 +53,7 @@ fn packing<'a>(
     };
     MonteCarlo {
         shapes,
-        specimen,
+        domain: specimen.domain(),
         rule: rule(distance, specimen),
         maximize,
         initial_scale: None,

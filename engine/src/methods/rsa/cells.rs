@@ -92,7 +92,7 @@ impl Cells {
     #[inline(always)]
     pub(super) fn build(
         buffers: CellBuffers,
-        region: Region,
+        region: &Region,
         periodic: bool,
         edge_mm: f64,
         placed: &[Placed],
@@ -108,7 +108,7 @@ impl Cells {
         refill(&mut heads, number, NONE)?;
         links.clear();
         let mut cells = Self {
-            region,
+            region: *region,
             counts,
             edge,
             per_edge,

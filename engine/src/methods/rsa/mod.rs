@@ -26,12 +26,11 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::control::{Control, Progress, Step};
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
-use crate::domain::Region;
+use crate::domain::{Domain, Region};
 use crate::elementary::{cbrt, ln_1p};
 use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::choice::{Choice, MOST_DRAWS};
 use crate::packing::RsaStatistics;
-use crate::request::Specimen;
 use crate::rng::uniform;
 use crate::segregation::Preference;
 use ahead::Ahead;
@@ -65,7 +64,7 @@ pub struct Rsa<'a> {
     /// Diameters from the largest down, in mm.
     pub diameters_mm: &'a [f64],
     /// What is filled.
-    pub specimen: &'a Specimen,
+    pub domain: Domain,
     /// Distance between grains and to the walls.
     pub rule: DistanceRule,
     /// Attempts for one grain after which the run has failed; `None` searches exhaustively.
@@ -242,7 +241,7 @@ impl Run<'_> {
         let first = self.placed.len();
         let rsa = self.rsa;
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
-        let domain = rsa.specimen.domain();
+        let domain = rsa.domain;
         let Some(region) = domain.center_region(rsa.clearance(end - 1)) else { return no_place };
         let part_least = rsa.part(end - 1);
         let d_least = rsa.diameters_mm[end - 1];
@@ -255,7 +254,7 @@ impl Run<'_> {
         let (buffers, voxel_buffers) = std::mem::take(&mut self.buffers);
         let built = self.cpu.call(
             #[inline(always)]
-            || Cells::build(buffers, region, periodic, edge, &self.placed, rsa.part(first), &should_stop),
+            || Cells::build(buffers, &region, periodic, edge, &self.placed, rsa.part(first), &should_stop),
         );
         let mut cells = match built {
             Ok(cells) => cells,

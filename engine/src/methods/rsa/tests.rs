@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::*;
 use crate::control::Unattended;
+use crate::request::Specimen;
 use crate::request::{Boundary, Distance, PackingRequest};
 use crate::rng::{Stream, stream};
 
@@ -21,7 +22,7 @@ fn rule(specimen: &Specimen) -> DistanceRule {
 fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) -> Outcome {
     let rsa = Rsa {
         diameters_mm: diameters,
-        specimen,
+        domain: specimen.domain(),
         rule: rule(specimen),
         attempts_per_grain: limit,
         preference: None,
@@ -35,7 +36,7 @@ fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) 
 fn images_are_those_of_the_next_boxes_in_a_fixed_order() {
     let built = |periodic: bool| {
         let region = cube(10.0, Boundary::Periodic).center_region(1.0).unwrap();
-        Cells::build(CellBuffers::default(), region, periodic, 5.0, &[], 1.0, &|| false).unwrap()
+        Cells::build(CellBuffers::default(), &region, periodic, 5.0, &[], 1.0, &|| false).unwrap()
     };
     let steps = [0.0, -10.0, 10.0];
     let expected: Vec<[f64; 3]> = (0..27).map(|i| [steps[i % 3], steps[i / 3 % 3], steps[i / 9]]).collect();
@@ -240,7 +241,7 @@ fn a_run_stops_when_told() {
     let diameters = vec![2.0; 50_000];
     let rsa = Rsa {
         diameters_mm: &diameters,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule: rule(&specimen),
         preference: None,
         threads: NonZeroUsize::MIN,
@@ -326,7 +327,7 @@ fn a_choice_among_equal_places_draws_from_the_distribution_of_the_textbook() {
             for seed in 0..RUNS as u64 {
                 let rsa = Rsa {
                     diameters_mm: &diameters,
-                    specimen: &specimen,
+                    domain: specimen.domain(),
                     rule: rule(&specimen),
                     attempts_per_grain: limit,
                     preference: preference.as_ref(),
@@ -350,7 +351,7 @@ fn a_grid_that_no_memory_holds_is_an_error() {
     let edge = f64::from(1 << 20);
     let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Walls };
     let region = specimen.center_region(0.0).unwrap();
-    let built = Cells::build(CellBuffers::default(), region, false, 1.0, &[], 1.0, &|| false);
+    let built = Cells::build(CellBuffers::default(), &region, false, 1.0, &[], 1.0, &|| false);
     assert_eq!(built.err(), Some(End::OutOfMemory { bytes: 4 << 60 }));
 }
 
@@ -366,7 +367,7 @@ fn equal_spheres(
     let specimen = cube(edge, Boundary::Periodic);
     let rsa = Rsa {
         diameters_mm: &vec![1.0; number],
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule: rule(&specimen),
         attempts_per_grain: None,
         preference: None,

@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 
 use super::*;
 use crate::control::Unattended;
+use crate::request::Specimen;
 use crate::request::{Boundary, Distance};
 use crate::rng::{Stream, stream};
 
@@ -14,17 +15,17 @@ fn saturation_is_not_proven_where_voxels_are_left_undecided() {
     let specimen = Specimen::Box { size_mm: [12.0, 2.0, 2.0], boundary: Boundary::Walls };
     let rsa = Rsa {
         diameters_mm: &[2.0],
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
         attempts_per_grain: None,
         preference: None,
         threads: NonZeroUsize::MIN,
     };
-    let (part, region) = (rsa.part(0), rsa.specimen.center_region(rsa.clearance(0)).unwrap());
+    let (part, region) = (rsa.part(0), rsa.domain.center_region(rsa.clearance(0)).unwrap());
     let search = |reach: f64| {
         let placed = [2.0, 6.0, 10.0].map(|x| [x, 1.0, 1.0, reach - part]);
         let cells =
-            Cells::build(CellBuffers::default(), region, false, 3.0, &placed, part, &|| false).unwrap();
+            Cells::build(CellBuffers::default(), &region, false, 3.0, &placed, part, &|| false).unwrap();
         let served = Served {
             domain: &specimen.domain(),
             largest_part: part,

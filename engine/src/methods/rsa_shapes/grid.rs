@@ -8,13 +8,13 @@ use nalgebra::UnitQuaternion;
 use super::Stage;
 use crate::arrays::{self, Each as _};
 use crate::distance::DistanceRule;
+use crate::domain::Domain;
 use crate::elementary::cbrt;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, minus};
 use crate::geometry::images::{Image, Images};
 use crate::memory::{OutOfMemory, filled, make_room};
 use crate::methods::image_names::ImageNames;
-use crate::request::Specimen;
 use crate::shape::Pose;
 
 /// Edge of a cell over the shortest inner radius of the stage, gap included. Smaller cells name each grain more often.
@@ -120,17 +120,17 @@ impl Grid {
     /// # Errors
     /// When the system refuses memory, or so many grains cannot be named beside their images.
     pub(super) fn new(
-        specimen: &Specimen,
+        domain: &Domain,
         stage: &Stage,
         rule: &DistanceRule,
         inserted: &[Inserted<impl Turned>],
         grains: usize,
     ) -> Result<Self, OutOfMemory> {
-        let bounds_mm = specimen.bounds_mm();
+        let bounds_mm = domain.bounds_mm;
         let wanted = CELL_EDGE * (stage.inner + rule.gap_mm(stage.diameters[1], stage.diameters[1]) / 2.0);
         let edge_mm = wanted.max(cbrt(bounds_mm.iter().product::<f64>() / MOST_CELLS));
         let counts = bounds_mm.each(|length| (length / edge_mm).round().max(1.0) as usize);
-        let images = Images::new(specimen);
+        let images = Images::new(domain);
         // Of the grains of the stage among themselves, and of those inserted before.
         let own_reach_mm = 2.0 * stage.outer + rule.gap_mm(stage.diameters[0], stage.diameters[0]);
         let reach_mm = inserted.iter().map(|one| one.reach_mm(stage, rule)).fold(own_reach_mm, f64::max);

@@ -31,6 +31,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::arrays;
 use crate::control::{Control, Progress, Step};
 use crate::distance::DistanceRule;
+use crate::domain::Domain;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
@@ -38,7 +39,6 @@ use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::choice::{self, Choice};
 use crate::methods::rsa::End;
 use crate::packing::RsaStatistics;
-use crate::request::Specimen;
 use crate::segregation::Preference;
 use crate::shape::Pose;
 use grid::{Grid, Inserted, Placed};
@@ -83,7 +83,7 @@ pub struct ShapeRsa<'a, S> {
     /// Grains by equivalent diameter from the largest down.
     pub shapes: &'a [S],
     /// Where they go.
-    pub specimen: &'a Specimen,
+    pub domain: Domain,
     /// The gaps they keep.
     pub rule: DistanceRule,
     /// Attempts per grain; `None` goes on until saturation is proven, or to `MOST_DRAWS` draws.
@@ -247,14 +247,14 @@ impl<S: ConvexShape> Run<'_, S> {
         let rsa = self.rsa;
         let least = stage.inner + rsa.rule.wall_gap_mm(stage.diameters[1]);
         let no_place = End::InsertionFailed { saturation_proven: true, attempts: 0 };
-        let domain = rsa.specimen.domain();
+        let domain = rsa.domain;
         let Some(region) = domain.center_region(least) else { return Err(no_place) };
         let shortest_mm = domain.periods_mm.into_iter().flatten().fold(f64::INFINITY, f64::min);
         for grain in 0..self.inserted.len() {
             let (shape, orientation) = (self.shape(grain), self.orientations[grain]);
             self.inserted[grain].cover(stage, &rsa.rule, &shape, orientation);
         }
-        let mut grid = Grid::new(rsa.specimen, stage, &rsa.rule, &self.inserted, grains.end)?;
+        let mut grid = Grid::new(&domain, stage, &rsa.rule, &self.inserted, grains.end)?;
         let factor = if S::Turned::IS_ELLIPSOID { 1 } else { CROWDED_ANGULAR / CROWDED };
         let level = match self.draws_per_grain / factor {
             ..LOOSE => LOOSE_LEVEL,
@@ -262,7 +262,7 @@ impl<S: ConvexShape> Run<'_, S> {
             _ => CROWDED_LEVEL,
         };
         let tested = &mut self.statistics.voxels_tested;
-        let mut voxels = Voxels::new(region, level, &grid, &self.inserted, tested)?;
+        let mut voxels = Voxels::new(&region, level, &grid, &self.inserted, tested)?;
         let (count, draws_before) = (grains.len() as u64, self.draws - self.further_draws);
         for grain in grains {
             let shape = self.shape(grain);

@@ -14,6 +14,7 @@ use crate::gap::ellipsoids::Body;
 use crate::methods::brute_force_tests::assert_valid;
 use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
 use crate::mix::uniform_orientation;
+use crate::request::Specimen;
 use crate::request::{Boundary, Distance};
 use crate::rng::uniform;
 use crate::shape::polyhedron::samples::cuboid;
@@ -49,7 +50,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
             for distance in &distances {
                 let rsa = ShapeRsa {
                     shapes: &shapes,
-                    specimen,
+                    domain: specimen.domain(),
                     rule: DistanceRule::new(distance, specimen),
                     attempts_per_grain: Some(1_000_000),
                     attempts_in: AttemptsIn::Specimen,
@@ -58,7 +59,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
                 let outcome = run();
                 assert_eq!(outcome.end, End::Complete, "{specimen:?} {distance:?}");
-                assert_valid(rsa.specimen, &rsa.rule, rsa.shapes, &outcome.poses);
+                assert_valid(specimen, &rsa.rule, rsa.shapes, &outcome.poses);
                 assert_eq!(outcome, run());
             }
         }
@@ -73,7 +74,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule,
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,
@@ -82,7 +83,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
     for seed in 0..20 {
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
         assert_eq!(outcome.end, End::Complete);
-        assert_valid(rsa.specimen, &rsa.rule, rsa.shapes, &outcome.poses);
+        assert_valid(&specimen, &rsa.rule, rsa.shapes, &outcome.poses);
     }
     let along_an_edge = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
     let outcome = ShapeRsa { orientation: &along_an_edge, ..rsa }
@@ -98,7 +99,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
         let shapes = axes.map(|axes| Ellipsoid::new(axes).unwrap());
         let rsa = ShapeRsa {
             shapes: &shapes,
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule,
             attempts_per_grain: None,
             attempts_in: AttemptsIn::Specimen,
@@ -126,7 +127,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule,
         attempts_per_grain: Some(1_000_000),
         attempts_in: AttemptsIn::Specimen,
@@ -189,7 +190,7 @@ fn spheres_are_placed_as_spheres() {
     for seed in 0..200 {
         let rsa = ShapeRsa {
             shapes: &shapes,
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule,
             attempts_per_grain: Some(10_000_000),
             attempts_in: AttemptsIn::Reach,
@@ -200,7 +201,7 @@ fn spheres_are_placed_as_spheres() {
         ours.push((outcome.statistics.attempts as f64).ln());
         let spheres = Rsa {
             diameters_mm: &diameters,
-            specimen: &specimen,
+            domain: specimen.domain(),
             rule,
             attempts_per_grain: Some(10_000_000),
             preference: None,
@@ -266,7 +267,7 @@ fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
             let shapes = [Ellipsoid::new([4.0; 3]).unwrap()];
             let rsa = ShapeRsa {
                 shapes: &shapes,
-                specimen: &specimen,
+                domain: specimen.domain(),
                 rule: DistanceRule::new(distance, &specimen),
                 attempts_per_grain,
                 attempts_in: AttemptsIn::Specimen,
@@ -282,7 +283,7 @@ fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
     let shapes = [ScaledPolyhedron { template: &cube, scale_mm }];
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&none, &specimen),
         attempts_per_grain: None,
         attempts_in: AttemptsIn::Specimen,
@@ -315,7 +316,7 @@ fn a_stop_is_obeyed_and_progress_reported() {
     let rule = DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen);
     let rsa = ShapeRsa {
         shapes: &shapes,
-        specimen: &specimen,
+        domain: specimen.domain(),
         rule,
         attempts_per_grain: None,
         attempts_in: AttemptsIn::Specimen,

@@ -108,7 +108,7 @@ pub(super) struct Voxels {
 impl Voxels {
     /// All of the region that is not covered, down to a level of subdivision.
     pub(super) fn new(
-        region: Region,
+        region: &Region,
         level: usize,
         grid: &Grid,
         inserted: &[Inserted<impl Turned>],
@@ -116,7 +116,7 @@ impl Voxels {
     ) -> Result<Self, OutOfMemory> {
         let cells = grid.counts.iter().product();
         let levels = (0..=MOST_LEVELS).map(|level| VoxelList::new(level, cells)).collect();
-        let mut voxels = Self { levels, region, cell_mm3: grid.edge.iter().product() };
+        let mut voxels = Self { levels, region: *region, cell_mm3: grid.edge.iter().product() };
         for cell in 0..cells {
             voxels.keep(Voxel { cell: cell as u32, at: [0; 3] }, 0, level, grid, inserted, tested)?;
         }

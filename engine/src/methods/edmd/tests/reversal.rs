@@ -20,7 +20,7 @@ fn in_motion(specimen: &Specimen) -> System {
     let diameters: Vec<f64> = (0..GRAINS).map(|i| 2.0 - i as f64 / GRAINS as f64).collect();
     let placing = Rsa {
         diameters_mm: &diameters,
-        specimen,
+        domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, specimen),
         preference: None,
         threads: std::num::NonZeroUsize::MIN,

@@ -182,7 +182,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// Whether what was read can be a run of this request: one that cannot might never end.
     fn is_possible(&self) -> bool {
-        let bounds = self.system.container.bounds().each(|length| length * self.system.stretch);
+        let bounds = self.system.container.bounds.each(|length| length * self.system.stretch);
         let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
         self.system.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
             && self.system.more <= bounds.iter().sum()

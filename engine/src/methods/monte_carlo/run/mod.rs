@@ -128,7 +128,7 @@ impl<S: ConvexShape> Run<S> {
         scale: f64,
         started: Instant,
     ) -> Result<Self, OutOfMemory> {
-        let mut system = System::new(of.specimen, of.rule, of.shapes, poses)?;
+        let mut system = System::new(&of.domain, of.rule, of.shapes, poses)?;
         system.wall_share = if of.maximize == Some(None) { 0.5 } else { 0.0 };
         system.stretch = 1.0 / scale;
         for hot in &mut system.hot {
@@ -155,7 +155,7 @@ impl<S: ConvexShape> Run<S> {
             curve: Curve::new(),
             fraction: 0.0,
             forecast: Forecast::default(),
-            target_fraction: volume / of.specimen.volume_mm3(),
+            target_fraction: volume / of.domain.volume_mm3,
             listed_cycles: CYCLES_PER_LIST,
             listed_stretch: 0.0,
             listed_more: 0.0,
@@ -432,10 +432,10 @@ impl<S: ConvexShape> Run<S> {
     ) -> Result<Outcome<Vec<Pose>>, Interrupted> {
         self.system.wrap();
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
-        let bounds = of.specimen.bounds_mm();
+        let bounds = of.domain.bounds_mm;
         for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
             let mut center = hot.center.each(|x| x / self.system.stretch);
-            if of.specimen.is_periodic() {
+            if of.domain.is_periodic() {
                 for (x, length) in center.iter_mut().zip(bounds) {
                     *x = if *x < length { *x } else { 0.0 };
                 }

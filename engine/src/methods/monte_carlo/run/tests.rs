@@ -21,7 +21,7 @@ fn shapes() -> [Ellipsoid; 2] {
 fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
     MonteCarlo {
         shapes,
-        specimen: &BOX,
+        domain: BOX.domain(),
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &BOX),
         maximize: None,
         initial_scale: None,
