@@ -33,6 +33,7 @@ from .errors import (
     WaitTimeout,
 )
 from .exports import Export
+from .gallery import example, examples
 from .gradings import Grading
 from .jobs import Job
 from .loading import load
@@ -94,6 +95,8 @@ __all__ = [
     "View",
     "WaitTimeout",
     "as_completed",
+    "example",
+    "examples",
     "plan",
     "load",
     "pack",
