@@ -1,4 +1,4 @@
-"""A packing that was read from a table of its grains, and so has nothing but them."""
+"""A packing that was read from a table: it has its grains alone."""
 
 from __future__ import annotations
 
