@@ -41,6 +41,7 @@ from .local import pack, plan
 from .local_studies import LocalStudy, study
 from .mixes import Addition, Aggregate, Mix, Proportions
 from .packings import Packing
+from .picture import Picture
 from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
 from .shapes import Ratios, Shape
 from .studies import Study, steps
@@ -84,6 +85,7 @@ __all__ = [
     "Packing",
     "PackstoneError",
     "PackstoneWarning",
+    "Picture",
     "Proportions",
     "Ratios",
     "Segregation",

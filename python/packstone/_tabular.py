@@ -112,6 +112,10 @@ class Tabular:
         """Plots need the figures."""
         self._lacks(f"the figures that the plot {kind} needs")
 
+    def picture(self, pixels: int) -> bytes:
+        """Raises a `ValueError`."""
+        self._lacks("the specimen that a picture needs")
+
     def _lacks(self, what: str) -> NoReturn:
         table = f"{self._path.stem}.csv"
         saved = "" if self._path.suffix.lower() == ".csv" else f' save("{table}") and'
