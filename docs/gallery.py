@@ -21,7 +21,7 @@ HEAD = """\
 # Gallery
 
 {count} jobs to start from. Each is a folder of [`examples/gallery`](../examples/gallery) with `request.json`, which is
-packed in less than a second, and a README with the command. The command carries them: it copies the request into a
+packed in less than a second, and a README with its commands. The command carries them: it copies the request into a
 folder of its name, packs it and draws a picture. Change the copy, and run it again:
 
 ```sh
@@ -30,7 +30,9 @@ packstone run standard-curve/request.json --out standard-curve --picture --force
 ```
 
 The service takes the same file: `curl localhost:8080/v1/jobs --json @request.json`. So does the page: paste it under
-*As a script*. In Python it is `packstone.pack(json.load(open("request.json")))`.
+*As a script*. The Python package carries the requests, too: `packstone.examples()` has their names, and
+`packstone.pack(packstone.example("standard-curve"))` packs one. Each README shows all three ways; their packings are
+equal, bit for bit.
 
 [`gallery.py`](gallery.py) makes this page and its pictures from the folders.
 """

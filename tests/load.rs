@@ -1,4 +1,5 @@
-//! Figures for `docs/performance.md`: printed, not asserted, for they are the machine's as much as the program's.
+//! Figures for `docs/development/measurements-service.md`: printed, not asserted, for they are the machine's as much as
+//! the program's.
 //!
 //! ```sh
 //! cargo test --release -p packstone-server --test e2e load:: -- --ignored --nocapture --test-threads 1

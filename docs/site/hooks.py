@@ -3,8 +3,8 @@
 - reference/http.md and reference/objects.md from openapi.yaml, a file of the repository;
 - reference/commands.md and viewer/first.html by the binary `packstone`, which the variable PACKSTONE names; without it
   the one in target/release, or on the path;
-- tutorial/python-*.md from the notebooks in python/notebooks, which are not executed, and python/overview.md from
-  python/README.md;
+- tutorial/python-*.md from the notebooks in python/notebooks and tasks/*.md from those in examples/notebooks, none of
+  which is executed, and python/overview.md from python/README.md;
 - a page for each file of the repository outside of docs that a page links to, unless Cargo.toml states the address of
   the repository, where the links then lead.
 """
@@ -22,7 +22,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from notebooks import NOTEBOOK_PAGES, notebook_page
+from notebooks import NOTEBOOK_PAGES, notebook_page, pictures
 from outside import README_PAGES, Outside, moved
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -70,9 +70,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         texts[place] = moved((ROOT / path).read_text(), path, place)
     for path, place in NOTEBOOK_PAGES.items():
         notebook, name = (ROOT / path).read_text(), Path(path).name
-        made[f"tutorial/{name}"] = notebook
-        # The link to the download is one of the site.
+        folder, stem = os.path.dirname(place), Path(place).stem
+        made[f"{folder}/{name}"] = notebook
+        made |= {f"{folder}/{stem}-{file}": content for file, content in pictures(notebook).items()}
+        # The links to the download and to the pictures are ones of the site.
         title, text = moved(notebook_page(notebook), path, place).split("\n", 1)
+        text = re.sub(r"\]\([^)]*/(output-\d+\.png)\)", rf"]({stem}-\1)", text)
         texts[place] = f"{title}\n\n[Download the notebook]({name})\n{text}"
     texts |= {file.src_uri: file.content_string for file in files.documentation_pages()}
     for place, text in texts.items():

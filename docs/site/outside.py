@@ -11,7 +11,7 @@ from notebooks import NOTEBOOK_PAGES
 LINK = re.compile(r"\]\((?!https?://|#)([^)\s]+)\)")
 # Larger files, and those that are no text, are copied as they are.
 MOST_SHOWN_BYTES = 60_000
-LANGUAGES = {".env": "ini", ".js": "javascript", ".json": "json", ".py": "python", ".rs": "rust", ".service": "ini",
+LANGUAGES = {".env": "ini", ".js": "javascript", ".json": "json", ".m": "matlab", ".py": "python", ".rs": "rust", ".service": "ini",
              ".sh": "bash", ".toml": "toml", ".yaml": "yaml"}
 README_PAGES = {"python/README.md": "python/overview.md"}
 # Files that have pages which are made of them.

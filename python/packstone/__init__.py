@@ -33,6 +33,7 @@ from .errors import (
     WaitTimeout,
 )
 from .exports import Export
+from .gallery import example, examples
 from .gradings import Grading
 from .jobs import Job
 from .loading import load
@@ -40,6 +41,7 @@ from .local import pack, plan
 from .local_studies import LocalStudy, study
 from .mixes import Addition, Aggregate, Mix, Proportions
 from .packings import Packing
+from .picture import Picture
 from .readings import MixBand, MixCandidate, MixCurve, MixNote, MixPart, MixReading, MixRecipe
 from .shapes import Ratios, Shape
 from .studies import Study, steps
@@ -83,6 +85,7 @@ __all__ = [
     "Packing",
     "PackstoneError",
     "PackstoneWarning",
+    "Picture",
     "Proportions",
     "Ratios",
     "Segregation",
@@ -94,6 +97,8 @@ __all__ = [
     "View",
     "WaitTimeout",
     "as_completed",
+    "example",
+    "examples",
     "plan",
     "load",
     "pack",

@@ -55,7 +55,7 @@ class Neighbours:
         return f"<Neighbours closer than {self.closer_than_mm:.4g} mm: {len(self.pairs)} pairs, {walls}>"
 
     def counts(self, grains: int) -> NDArray[np.int64]:
-        """Returns the number of neighbours of each grain, of a packing of so many `grains`."""
+        """Returns the number of neighbours of each grain, of a packing with that number of `grains`."""
         return np.bincount(self.pairs.ravel(), minlength=grains)
 
 

@@ -21,7 +21,7 @@ def card(title: str, rows: Mapping[str, object], *, bar: float | None = None, pn
     lines.append(f"<table>{cells}</table>")
     if png is not None:
         data = base64.b64encode(png).decode("ascii")
-        lines.append(f'<img alt="cross-section" src="data:image/png;base64,{data}" style="max-width: 24em">')
+        lines.append(f'<img alt="packing" src="data:image/png;base64,{data}" style="max-width: 24em">')
     return f'<div class="packstone">{"".join(lines)}</div>'
 
 

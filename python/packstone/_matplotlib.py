@@ -61,7 +61,8 @@ def section(packing: Packing, ax: Axes) -> None:
     else:
         (u, v), radius = outline["center_mm"], outline["radius_mm"]
         left, right, bottom, top = u - radius, u + radius, v - radius, v + radius
-    ax.imshow(picture, extent=(left, right, bottom, top))
+    # A picture of one channel has grey values, which matplotlib would show in colours of its own.
+    ax.imshow(picture, extent=(left, right, bottom, top), cmap="gray", vmin=0, vmax=1)
     across, up = plane["plane"]
     ax.set(xlabel=f"{across} in mm", ylabel=f"{up} in mm", aspect="equal")
 

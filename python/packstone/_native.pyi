@@ -87,6 +87,9 @@ class Packing:
     def plot(self, kind: str, title: bool, theme: str) -> str:
         """Returns a plot as SVG."""
 
+    def picture(self, pixels: int) -> bytes:
+        """Returns a picture with one octant removed, as PNG."""
+
     def __len__(self) -> int: ...
 
 @final

@@ -76,7 +76,7 @@ class _TqdmBar:
 
 
 class _Line:
-    """One line on standard error that is written anew on a terminal, and a line per state elsewhere."""
+    """One line on standard error, which a terminal shows updated, and a line for each state elsewhere."""
 
     def __init__(self, title: str) -> None:
         self._title = title

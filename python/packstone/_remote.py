@@ -102,6 +102,10 @@ class Remote:
         )
         return response.text
 
+    def picture(self, pixels: int) -> bytes:
+        """A picture, drawn in this process: the grains are fetched."""
+        return self.in_memory().picture(pixels)
+
     def _download(self, address: str, params: dict[str, Any], timeout: float | None = None) -> bytes:
         buffer = io.BytesIO()
         self._transport.download(address, buffer, params=params, timeout=timeout)

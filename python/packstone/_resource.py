@@ -81,7 +81,7 @@ class Changing(ABC):
         return str(self.data["links"]["self"])
 
     def refresh(self: R) -> R:
-        """Reads the document anew."""
+        """Reads the document again."""
         response = self._transport.request("GET", self.path)
         self._take(document(response), response.headers.get("etag"))
         return self

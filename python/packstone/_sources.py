@@ -77,6 +77,10 @@ class Source(Protocol):
         """A plot as SVG."""
         ...
 
+    def picture(self, pixels: int) -> bytes:
+        """A picture with one octant removed, as PNG."""
+        ...
+
     def in_memory(self) -> Source:
         """The same packing with its grains, in the memory of this process and without a server."""
         ...

@@ -37,7 +37,7 @@ def read(directory: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     found: dict[tuple[int, int], dict[str, Any]] = {}
     for number, line in enumerate(whole, start=1):
         if not line.startswith(SUM) or f"{zlib.crc32(line[20:].encode()):08x}" != line[10:18]:
-            raise ValueError(f"{directory / 'runs.jsonl'} is damaged: line {number} does not have its sum")
+            raise ValueError(f"{directory / 'runs.jsonl'} is damaged: the checksum of line {number} is wrong")
         record = json.loads(line)
         place = {"point": int(record["point"]), "replicate": int(record["replicate"])}
         counted = {name: record[name] for name in COUNTED if name in record}

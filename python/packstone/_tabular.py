@@ -1,4 +1,4 @@
-"""A packing that was read from a table of its grains, and so has nothing but them."""
+"""A packing that was read from a table: it has its grains alone."""
 
 from __future__ import annotations
 
@@ -111,6 +111,10 @@ class Tabular:
     def plot(self, kind: PackingPlotKind, title: bool, theme: Theme) -> str:
         """Plots need the figures."""
         self._lacks(f"the figures that the plot {kind} needs")
+
+    def picture(self, pixels: int) -> bytes:
+        """Raises a `ValueError`."""
+        self._lacks("the specimen that a picture needs")
 
     def _lacks(self, what: str) -> NoReturn:
         table = f"{self._path.stem}.csv"

@@ -90,7 +90,7 @@ class Transport:
         self._forget_connections()
 
     def __del__(self) -> None:
-        # Copies that were pickled have nobody who closes them.
+        # A copy made by pickle has no owner that closes it.
         if getattr(self, "_open", None) is not None and self._process == os.getpid():
             self.close()
 
@@ -274,7 +274,7 @@ class _Patience:
         self.renew()
 
     def renew(self) -> None:
-        """Starts anew after a success."""
+        """Forgets the failures after a success."""
         self._until: float | None = None
         self._backoff_s = FIRST_DELAY_S
 

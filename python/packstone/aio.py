@@ -39,6 +39,7 @@ from ._sources import FileFormat, PackingPlotKind, Theme
 from ._conversions import Neighbours, PyVistaKind
 from .packings import Packing
 from .studies import Study, StudyPlotKind, StudyState
+from .picture import Picture
 from .svg import Svg
 from .view import View
 
@@ -349,6 +350,12 @@ class AsyncPacking(AsyncPackingExports):
             return self.sync.plot(kind, path, title=title, theme=theme, overwrite=overwrite)
 
         return await self._threads.call(plot)
+
+    async def picture(
+        self, path: str | PathLike[str] | None = None, *, pixels: int = 800, overwrite: bool = False
+    ) -> Picture:
+        """See :meth:`Packing.picture`."""
+        return await self._threads.call(partial(self.sync.picture, path, pixels=pixels, overwrite=overwrite))
 
     async def view(self, *, height_px: int = 640) -> View | Viewer:
         """See :meth:`Packing.view`."""

@@ -206,6 +206,11 @@ class Local:
         with refusals():
             return self._made.plot(kind, title, theme)
 
+    def picture(self, pixels: int) -> bytes:
+        """A picture, drawn as the command draws it."""
+        with refusals():
+            return self._made.picture(pixels)
+
 
 @contextmanager
 def _shown(

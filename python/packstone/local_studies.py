@@ -317,7 +317,7 @@ class LocalStudy:
         return _files.write(path, self._native.table(self._ended(), "csv").encode())
 
     def _run(self, runner: Runner) -> Iterator[int]:
-        """Executes the runs; yields the number of those that have ended or are called off, after each."""
+        """Executes the runs; yields the number of those that have ended or were cancelled, after each."""
         waiting = deque(self._runs)
         running: dict[Future[tuple[str, Packing | None]], dict[str, Any]] = {}
         stopped_points: set[int] = set()

@@ -14,7 +14,8 @@ from ._conversions import Conversions
 from ._exporting import PackingExports
 from ._sources import File, FileFormat, PackingPlotKind, Theme, file_of
 from .builders import Box, Cylinder, Specimen
-from .errors import PackstoneError
+from .errors import PackstoneError, invalid
+from .picture import Picture
 from .svg import Svg
 from .view import View
 
@@ -32,6 +33,10 @@ if TYPE_CHECKING:
 
         engine: EngineInfo
         job_id: NotRequired[str]
+
+
+# Of a packing with more grains notebooks show a cross-section, which a server draws without sending the grains.
+MOST_GRAINS_OF_PICTURES = 100_000
 
 
 class Packing(Conversions, PackingExports):
@@ -243,11 +248,40 @@ class Packing(Conversions, PackingExports):
             svg.save(path, overwrite=overwrite)
         return svg
 
+    def picture(
+        self, path: str | PathLike[str] | None = None, *, pixels: int = 800, overwrite: bool = False
+    ) -> Picture:
+        """Returns a picture of the packing with one octant removed, as ``packstone run --picture`` draws it.
+
+        Parameters
+        ----------
+        path
+            A file for the picture, as PNG.
+        pixels
+            Pixels along the longer edge, 64 to 8192.
+        overwrite
+            Whether a file of the same name is replaced.
+
+        Examples
+        --------
+        >>> packing = packstone.pack(specimen=40, mix=packstone.Mix("A16", 0.2, d_min_mm=4), seed=1)
+        >>> packing.picture("packing.png", pixels=200)[1:4]
+        b'PNG'
+        """
+        if not 64 <= pixels <= 8192:
+            raise invalid("pixels", f"{pixels} is out of range: must be at least 64 and at most 8192")
+        if path is not None:
+            _files.refuse_existing(path, overwrite)
+        picture = Picture(self._source.picture(pixels))
+        if path is not None:
+            picture.save(path, overwrite=overwrite)
+        return picture
+
     def view(self, *, height_px: int = 640) -> View | Viewer:
         """Returns the packing in three dimensions, which notebooks show: the viewer of the web page, in a frame.
 
         Of more than a million grains it shows the largest. With anywidget (``packstone[jupyter]``) it is a widget,
-        else HTML. A saved notebook has a cross-section beside either, which stays where the viewer cannot run.
+        else HTML. A saved notebook has a picture beside either, which stays where the viewer cannot run.
         ``save("a.html")`` writes the same page for a browser.
         """
         page, png = self.read("html").decode(), self._repr_png_()
@@ -285,8 +319,10 @@ class Packing(Conversions, PackingExports):
         return [*figures, f"seed {self.seed}"]
 
     def _repr_png_(self) -> bytes | None:
-        """A cross-section through the middle; `None` if the packing does not give one."""
+        """A picture, or of many grains a cross-section through the middle; `None` if the packing gives neither."""
         try:
+            if len(self) <= MOST_GRAINS_OF_PICTURES:
+                return self.picture(pixels=480)
             return self.read("png", timeout=10, pixels=480)
         except (PackstoneError, ValueError):
             return None

@@ -84,6 +84,13 @@ impl Packing {
         py.detach(|| self.packed.plot(kind, title, theme)).map_err(raised)
     }
 
+    /// Returns a picture with one octant removed, as PNG.
+    fn picture<'py>(&self, py: Python<'py>, pixels: u32) -> PyResult<Bound<'py, PyBytes>> {
+        let run = Run::default();
+        let png = attended(py, &run, None, || self.packed.picture(pixels, &run))?;
+        Ok(PyBytes::new(py, &png))
+    }
+
     fn __len__(&self) -> usize {
         self.packed.len()
     }

@@ -19,7 +19,7 @@ FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 MADE = {
     "AsyncExport", "AsyncJob", "AsyncPacking", "AsyncStudy", "Blend", "BlendedSieve", "ConnectionFailed",
     "Export", "Fault", "Grain", "JobCancelled", "Lattice", "MixBand", "MixCandidate", "MixCurve", "MixNote",
-    "MixPart", "MixReading", "MixRecipe", "Neighbours", "PackstoneWarning", "Specimen", "Svg", "View",
+    "MixPart", "MixReading", "MixRecipe", "Neighbours", "PackstoneWarning", "Picture", "Specimen", "Svg", "View",
     "WaitTimeout",
 }  # fmt: skip
 

@@ -225,7 +225,7 @@ def test_the_folder_of_a_study(tmp_path: Path) -> None:
         byte = log.read(1)[0]
         log.seek(60)
         log.write(bytes([byte ^ 1]))
-    with pytest.raises(ValueError, match="runs.jsonl is damaged: line 1 does not have its sum"):
+    with pytest.raises(ValueError, match="runs.jsonl is damaged: the checksum of line 1 is wrong"):
         packstone.load(tmp_path / "runs")
 
 

@@ -134,6 +134,7 @@ def test_plots_are_drawn_in_axes(kind: Any, mixed: packstone.Packing) -> None:
     assert ax.has_data() and ax.get_xlabel() and ax.get_title().startswith(f"{len(mixed)} grains")
     if kind == "section":
         assert ax.get_xlim() == pytest.approx((0, 40))
+        assert ax.get_images()[0].get_cmap().name == "gray"
 
 
 def test_the_target_of_a_grading_is_met_at_the_sieves(spheres: packstone.Packing) -> None:

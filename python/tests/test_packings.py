@@ -149,7 +149,7 @@ def test_several_aggregates_have_the_surfaces_of_their_shapes(client: packstone.
         assert 0.85 * volume < surfaces.triangulate().volume < 1.001 * volume, packing.columns
 
 
-def test_notebooks_show_a_cross_section(result: packstone.Packing, client: packstone.Client) -> None:
+def test_notebooks_show_a_picture(result: packstone.Packing, client: packstone.Client) -> None:
     png = result._repr_png_()
     assert png is not None and png.startswith(b"\x89PNG")
     assert "data:image/png;base64," in result._repr_html_() and "volume_fraction_effective" in result._repr_html_()

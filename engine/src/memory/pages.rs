@@ -2,8 +2,8 @@
 //!
 //! Packing reads memory at random: with a hundred thousand grains and more, most reads miss the processor's cache of
 //! page addresses as well. Linux backs a block with pages of 2 MB where it is asked to before the block is used, its
-//! usual setting (`transparent_hugepage=madvise`); the gain is measured in `docs/performance.md`. It never changes what
-//! a block holds or how long it lives.
+//! usual setting (`transparent_hugepage=madvise`); the gain is measured in
+//! `docs/development/measurements-spheres.md`. It never changes what a block holds or how long it lives.
 
 /// Smaller blocks would hold no whole huge page, or few.
 const LEAST_BYTES: usize = 4 << 20;

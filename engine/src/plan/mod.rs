@@ -153,7 +153,8 @@ const MOST_GROWING_THREADS: u32 = 4;
 const BEYOND_RANDOM: f64 = 1.12;
 
 /// Memory that a run of spheres takes, fitted to peaks of `packstone run` on one thread: Fuller's curve 2..16 mm, B16
-/// above 0.5 mm with up to 2e6 grains, and equal spheres, each placed at random and grown (`docs/performance.md`).
+/// above 0.5 mm with up to 2e6 grains, and equal spheres, each placed at random and grown
+/// (`docs/development/measurements-spheres.md`).
 mod cost {
     /// Bytes of the program as such.
     pub(super) const BYTES: f64 = 8.0e6;

@@ -78,7 +78,8 @@ const POLYHEDRA: Known = Known {
 const MIXED: Known =
     Known { dense_times_s: &[(0.50, 0.7), (0.55, 1.4), (0.60, 2.3), (0.65, 5.0), (0.68, 19.0)], ..POLYHEDRA };
 
-/// Spheres by the same moves, which take 0.57 of the time (`docs/performance.md`, "Spheres by moves").
+/// Spheres by the same moves, which take 0.57 of the time (`docs/development/measurements-spheres.md`, "Spheres by
+/// moves").
 const SPHERES: Known = Known {
     dense_times_s: &[(0.50, 0.11), (0.60, 0.46), (0.65, 0.63), (0.70, 1.3), (0.73, 3.2), (0.75, 8.0)],
     extrapolation: "spheres that grow by moves, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",

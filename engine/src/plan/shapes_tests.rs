@@ -268,7 +268,8 @@ fn times_of_mixtures_are_those_measured() {
         json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
     let polyhedron = json!({"type": "polyhedron", "faces": 21,
         "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
-    // Volume fraction, CPU time in s (docs/performance.md), and by which factor the estimate may be too long or short.
+    // Volume fraction, CPU time in s (docs/development/measurements-shapes.md), and by which factor the estimate may be
+    // too long or short.
     let cases = [
         ([&sphere, &ellipsoid], 0.5, [(0.60, 0.55), (0.65, 0.92)], 1.5),
         ([&ellipsoid, &polyhedron], 0.5, [(0.60, 2.31), (0.65, 4.22)], 1.6),

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use packstone_engine::export::picture::{self, PictureOptions};
 use packstone_engine::export::tables::stored::StoredBytes;
 use packstone_engine::export::tables::{self, EngineInfo, GrainSource as _, Head};
 use packstone_engine::export::{ExportError, ExportReport, ExportRequest, ExportType, Model, Provenance};
@@ -184,6 +185,19 @@ impl Packed {
         let theme = named(Theme::ALL, Theme::name, "theme", theme)?;
         let chart = job::chart(kind, &JobResult { head: &self.head, grains: &self.grains })?;
         Ok(themed(draw::svg(&chart, title)?, theme))
+    }
+
+    /// A picture of the packing as PNG: one octant of the specimen is removed. The longer edge has `pixels`, 64 to
+    /// 8192; values outside are set to the bound.
+    ///
+    /// # Errors
+    /// [`Ended::Stopped`].
+    pub fn picture(&self, pixels: u32, run: &Run) -> Result<Vec<u8>, Ended> {
+        let request = self.request()?;
+        let options = PictureOptions { pixels, threads: self.limits.export_threads.get() };
+        let mut png = Vec::new();
+        picture::write(&Model::new(&request.specimen, &self.grains), &options, run, &mut png)?;
+        Ok(png)
     }
 
     /// The packing as bytes, from which [`restore`](Self::restore) makes it again: the stored form of the service.

@@ -49,6 +49,8 @@ fn a_packing_has_the_forms_of_a_service_and_is_restored() {
     assert!(report.contains("\"type\":\"slice\"") && file.starts_with(b"<svg"), "{report}");
     let svg = packed.plot("grading", false, "dark").unwrap();
     assert!(svg.starts_with("<svg"), "{svg}");
+    let picture = packed.picture(64, &Run::default()).unwrap();
+    assert!(picture.starts_with(b"\x89PNG") && picture == again.picture(64, &Run::default()).unwrap());
 }
 
 #[test]
