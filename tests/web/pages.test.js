@@ -132,7 +132,15 @@ test("every request of the pages is in the description of the interface", inBrow
     let asked = 0;
     /** @type {string[]} */
     const unknown = [];
-    for (const path of ["/", "/jobs?name=small", `/jobs/${job.id}`, "/studies", `/studies/${study.id}`, "/service"]) {
+    for (const path of [
+      "/",
+      "/jobs?name=small",
+      `/jobs/${job.id}`,
+      `/compare?jobs=${job.id},${job.id}`,
+      "/studies",
+      `/studies/${study.id}`,
+      "/service",
+    ]) {
       const { page, close } = await openPage(browser, "about:blank");
       page.on("request", (request) => {
         const to = new URL(request.url());
