@@ -1,7 +1,8 @@
 /** Curves of several packings over each other, as SVG. */
 import { number, s } from "./dom.js";
 
-const [WIDTH, HEIGHT] = [760, 360];
+/** On a narrow screen the words keep their size. */
+const [WIDTH, HEIGHT] = matchMedia("(max-width: 40rem)").matches ? [360, 260] : [760, 360];
 const MARGIN = { left: 56, right: 16, top: 16, bottom: 44 };
 
 /** Sieves that mark a logarithmic axis, mm. */
@@ -66,7 +67,7 @@ export function overlay(series, { x: xName, y: yName, words, log = false }) {
   const bottom = HEIGHT - MARGIN.bottom;
   const x = (/** @type {number} */ value) => MARGIN.left + ((place(value) - place(x0)) / span) * (right - MARGIN.left);
   const y = (/** @type {number} */ value) => bottom - ((value - y0) / (y1 - y0)) * (bottom - MARGIN.top);
-  const marks = log ? SIEVES.filter((d) => d >= x0 * 0.999 && d <= x1 * 1.001) : ticks(x0, x1, 7);
+  const marks = log ? SIEVES.filter((d) => d >= x0 * 0.999 && d <= x1 * 1.001) : ticks(x0, x1, WIDTH / 100);
   return s(
     "svg",
     { class: "chart", viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": words },

@@ -1,6 +1,7 @@
 /** What is compared of packings: their requests, their figures, their curves. */
 import { COLOURS, overlay, passing } from "./charts.js";
 import { duration, h, number, percent, quantity } from "./dom.js";
+import { gap } from "./job-facts.js";
 import { differences, fieldWords, valueWords } from "./request-difference.js";
 
 /**
@@ -86,8 +87,8 @@ const FIGURES = [
   ["Volume fraction of the grains", ({ report }) => report.summary.volume_fraction_effective, (v) => percent(v, 2)],
   ["Volume fraction of all aggregate", ({ report }) => report.summary.volume_fraction_mixture, (v) => percent(v, 2)],
   ["Distance kept", ({ report }) => report.summary.distance_mm, (value) => quantity(value, "mm", 3)],
-  ["Smallest gap of two grains", ({ report }) => report.check.min_gap_mm, (value) => quantity(value, "mm", 3)],
-  ["Smallest gap to a wall", ({ report }) => report.check.min_wall_gap_mm, (value) => quantity(value, "mm", 3)],
+  ["Smallest gap of two grains", ({ report }) => report.check.min_gap_mm, gap],
+  ["Smallest gap to a wall", ({ report }) => report.check.min_wall_gap_mm, gap],
   ["Smallest diameter", ({ report }) => report.summary.d_min_mm, (value) => quantity(value, "mm", 3)],
   ["Largest diameter", ({ report }) => report.summary.d_max_mm, (value) => quantity(value, "mm", 3)],
   ["Largest error of a size class", ({ report }) => report.check.max_class_mass_error, (value) => percent(value, 2)],

@@ -4,7 +4,7 @@ import { get, send } from "./api.js";
 import { confirmDeletion } from "./deletion.js";
 import { byId, bytes, h, number, replace, text } from "./dom.js";
 import { askToKeep, hasValidPacking, maximizesBy } from "./job-cancel.js";
-import { ALSO, isOpen, makeRow } from "./jobs-table.js";
+import { ALSO, isOpen, makeRow, titleOf } from "./jobs-table.js";
 import { live } from "./live.js";
 import { rows } from "./rows.js";
 import { announce, report, shell } from "./shell.js";
@@ -204,7 +204,9 @@ async function cancelAll(jobs) {
 async function removeAll(jobs) {
   const size = jobs.reduce((sum, job) => sum + (job.result?.bytes ?? 0), 0);
   const also = jobs.length === 1 ? ALSO : "Their results and all files that were made of them are deleted, too.";
-  if (await confirmDeletion({ count: jobs.length, one: "job", size, also })) await each(jobs, "DELETE", "", "Deleted");
+  const name = jobs.length === 1 ? titleOf(jobs[0]) : undefined;
+  if (await confirmDeletion({ count: jobs.length, one: "job", name, size, also }))
+    await each(jobs, "DELETE", "", "Deleted");
 }
 
 /**

@@ -281,8 +281,32 @@ describe("page of a job", inBrowser, () => {
     await page.getByRole("button", { name: "Reset view" }).click();
     await page.waitForFunction(() => /in the matrix/.test(document.querySelector("#view-words")?.textContent ?? ""));
     assert.equal(await page.isChecked("#plane-on"), false);
+    await page.getByRole("button", { name: "Full screen" }).click();
+    await page.waitForFunction(() => document.fullscreenElement?.classList.contains("viewer"));
+    await page.getByRole("button", { name: "Leave full screen" }).click();
+    await page.waitForFunction(() => !document.fullscreenElement);
     assert.equal(await page.locator(".over text", { hasText: /^\d+\smm$/ }).count(), 1);
     opened.clean();
+    await opened.close();
+  });
+
+  test("ticks of the legend keep apart", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const opened = await open(job);
+    await opened.page.waitForSelector("canvas[data-drawn]");
+    const close = await opened.page.evaluate(async () => {
+      const { legend } = await import(/** @type {any} */ ("/assets/job-legend.js"));
+      const place = /** @type {HTMLElement} */ (document.querySelector(".legend"));
+      const found = [];
+      for (const dmin of [0.063, 0.9, 2, 3.84, 10, 15.9])
+        for (const dmax of [1, 4.1, 16, 17.3, 25.9, 31.5, 130].filter((d) => d > dmin)) {
+          place.replaceChildren(...legend({ classes: [] }, "size", { dmin, dmax }, "diameter"));
+          const boxes = [...place.querySelectorAll(".ticks span")].map((one) => one.getBoundingClientRect());
+          if (boxes.some((box, i) => i > 0 && box.left < (boxes[i - 1]?.right ?? 0) + 2)) found.push([dmin, dmax]);
+        }
+      return found;
+    });
+    assert.deepEqual(close, []);
     await opened.close();
   });
 
