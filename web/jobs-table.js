@@ -10,8 +10,11 @@ import { announce, report } from "./shell.js";
 /** What the grains are, in words. @type {Record<string, string>} */
 const SHAPES = { spheres: "spheres", ellipsoids: "ellipsoids", angular: "angular", mixed: "mixed" };
 
+/** Numbers stay with their units. @param {string} words */
+const kept = (words) => words.replace(/(\d) (mm|%)/g, "$1\u202f$2");
+
 /** What a job is called: by its name, else by its mix. @param {any} job */
-export const titleOf = (job) => job.name || job.overview?.title || `Job ${job.id.slice(-8)}`;
+export const titleOf = (job) => job.name || kept(job.overview?.title ?? "") || `Job ${job.id.slice(-8)}`;
 
 /** Whether a job waits or runs. @param {any} job */
 export const isOpen = (job) => job.state === "queued" || job.state === "running";
@@ -71,7 +74,7 @@ export function makeRow(first, { changed, chosen, choose }) {
       replace(
         name,
         h("a", { class: "name", href: absolute(`/jobs/${id}`) }, h("bdi", {}, titleOf(job))),
-        job.name && overview && h("div", { class: "hint narrow" }, overview.title),
+        job.name && overview && h("div", { class: "hint narrow" }, kept(overview.title)),
         h(
           "div",
           { class: "hint" },
@@ -106,11 +109,11 @@ export function makeRow(first, { changed, chosen, choose }) {
       const fraction = overview?.volume_fraction;
       const values = overview
         ? [
-            overview.curve,
-            overview.specimen,
+            kept(overview.curve),
+            kept(overview.specimen),
             fraction === null ? "\u2013" : percent(fraction, fraction < 0.0995 ? 1 : 0),
             SHAPES[overview.shape] ?? overview.shape,
-            overview.gap,
+            kept(overview.gap),
           ]
         : mix.map(() => "");
       mix.forEach((one, i) => replace(one, values[i]));
