@@ -8,7 +8,7 @@ const MARGIN = { left: 56, right: 16, top: 16, bottom: 44 };
 /** Sieves that mark a logarithmic axis, mm. */
 const SIEVES = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 63, 125];
 
-/** Colours of curves, told apart with any kind of colour blindness (Okabe and Ito, 2008), dark enough for both schemes. */
+/** Colours of curves, told apart with any kind of colour blindness (Okabe and Ito, 2008), in both schemes. */
 export const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"];
 
 /**

@@ -1,4 +1,4 @@
-/** Some packings beside each other: what differs in their requests and figures, and their pictures, slices and plots. */
+/** Packings beside each other: what differs in their requests and figures, and their pictures, slices and plots. */
 import { absolute } from "./address.js";
 import { get } from "./api.js";
 import { figurePart, mark, plotPart, requestPart } from "./compare-parts.js";

@@ -18,8 +18,9 @@ const clamp = (/** @type {number} */ low, /** @type {number} */ x, /** @type {nu
   Math.max(low, Math.min(x, high));
 
 /**
- * Events: `change` (camera, cut, sizes or colours), `pick` (`event.detail`: where on the canvas), `progress` (grains arrived), `frame` (something was drawn), `rest`
- * (the picture is whole), `lost` and `error` (`event.detail` is the error).
+ * Events: `change` (camera, cut, sizes or colours), `pick` (`event.detail`: where on the canvas), `progress` (grains
+ * arrived), `frame` (something was drawn), `rest` (the picture is whole), `lost` and `error` (`event.detail` is the
+ * error).
  */
 export class Viewer extends EventTarget {
   pose = home();
