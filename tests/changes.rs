@@ -82,6 +82,19 @@ async fn listings_are_filtered_and_sorted() {
         page["items"].as_array().unwrap().iter().map(|job| id_of(job).to_owned()).collect()
     };
     assert_eq!(listed("name=beam").await, [ids[1].clone(), ids[0].clone()]);
+    assert_eq!(listed("name=BEAM").await, [ids[1].clone(), ids[0].clone()], "in any case");
+    // What jobs pack is said where it is asked for, and all that fit are counted on any page.
+    let page =
+        client.get("/v1/jobs?name=beam&overview=true&totals=true&limit=1").send().await.expect(200).json();
+    let totals = &page["totals"];
+    assert_eq!((&totals["jobs"], &totals["more"]), (&json!(2), &json!(false)));
+    assert!(totals["bytes"].is_u64(), "{totals}");
+    let overview = &page["items"][0]["overview"];
+    assert_eq!((&overview["curve"], &overview["shape"]), (&json!("A16"), &json!("spheres")));
+    let of_job = client.get(&format!("/v1/jobs/{}?overview=true", ids[1])).send().await.expect(200).json();
+    assert_eq!(&of_job["overview"], overview);
+    let plain = client.get("/v1/jobs?name=beam").send().await.expect(200).json();
+    assert!(plain.get("totals").is_none() && plain["items"][0].get("overview").is_none(), "{plain:#}");
     assert_eq!(listed("name=beam&sort=created").await, [ids[0].clone(), ids[1].clone()]);
     assert_eq!(listed("name=beam&method=auto").await, [ids[1].clone()]);
     assert_eq!(listed("created_after=2999-01-01T00:00:00Z").await.len(), 0);
@@ -91,7 +104,7 @@ async fn listings_are_filtered_and_sorted() {
     assert_eq!(id_of(&first["items"][0]), ids[0]);
     let cursor = first["next_cursor"].as_str().unwrap();
     assert_eq!(listed(&format!("name=beam&sort=created&limit=1&cursor={cursor}")).await, [ids[1].clone()]);
-    for bad in ["sort=size", "method=x", "created_after=today", "name=", "label=a:b"] {
+    for bad in ["sort=size", "method=x", "created_after=today", "name=", "label=a:b", "overview=2"] {
         client.get(&format!("/v1/jobs?{bad}")).send().await.expect_problem(400, "validation-error");
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use rustix::process::Signal;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::harness::deadline::{eventually, within};
 use crate::harness::{Client, DataDir, Launch, Postgres, Running, Server, id_of, jobs, packstone};
@@ -133,6 +133,16 @@ async fn several_servers_share_one_queue_and_one_folder_of_results() {
     let export = format!("/v1/jobs/{}/exports/slice?axis=z&at_mm=20&format=json", ids[0]);
     let sliced = here.get(&export).send().await;
     assert_eq!(sliced.expect(200).body, there.get(&export).send().await.expect(200).body);
+
+    // What a list says of its jobs is the same in both databases.
+    let page = there.get("/v1/jobs?overview=true&totals=true&limit=3").send().await.expect(200).json();
+    assert_eq!((&page["totals"]["jobs"], &page["totals"]["more"]), (&json!(20), &json!(false)));
+    assert!(page["totals"]["bytes"].as_u64() > Some(0), "{page:#}");
+    assert_eq!(page["items"][2]["overview"]["shape"], "spheres");
+    let named = there.get("/v1/jobs?name=NONE&totals=true").send().await.expect(200).json();
+    assert_eq!(named["totals"]["jobs"], 0);
+    let counted = there.delete("/v1/jobs?state=succeeded&dry_run=true").send().await.expect(200).json();
+    assert_eq!((&counted["deleted"], counted["bytes"].as_u64() > Some(0)), (&json!(20), true));
 
     // Two jobs that fill both servers: one of them dies and loses its job to the other.
     let mut running = Vec::new();

@@ -164,7 +164,7 @@ export function bytes(amount) {
 }
 
 /**
- * A moment as an element: the local time, in short where it was today, and in full as a title.
+ * A moment as an element: day and time here, and with seconds as a title.
  * @param {string | null | undefined} moment RFC 3339
  */
 export function when(moment) {
@@ -173,8 +173,7 @@ export function when(moment) {
   const pad = (/** @type {number} */ part) => String(part).padStart(2, "0");
   const clock = `${pad(date.getHours())}:${pad(date.getMinutes())}:${pad(date.getSeconds())}`;
   const day = `${date.getFullYear()}-${pad(date.getMonth() + 1)}-${pad(date.getDate())}`;
-  const today = date.toDateString() === new Date().toDateString();
-  return h("time", { datetime: moment, title: `${day} ${clock}` }, today ? clock : `${day} ${clock.slice(0, 5)}`);
+  return h("time", { datetime: moment, title: `${day} ${clock}` }, `${day} ${clock.slice(0, 5)}`);
 }
 
 /**

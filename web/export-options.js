@@ -31,7 +31,6 @@ const OPTIONS = {
   max_bytes: { label: "Longest file", unit: "bytes", value: 500000000 },
   cells: { label: "Voxels along the longest edge", hint: "100 where no edge is given, 128 for properties" },
   voxel_mm: { label: "Edge of a voxel", unit: "mm", hint: "in place of a number" },
-  for: { label: "For the program" },
   materials: {
     label: "Materials",
     json: true,
@@ -72,50 +71,6 @@ const OPTIONS = {
   },
 };
 
-/** The programs that read a format of voxels; where there is no empty one, the format is for that program alone. */
-const READERS = /** @type {Record<string, string[]>} */ ({
-  vti: ["", "damask"],
-  npy: ["", "automesh"],
-  vtk: ["amitex"],
-  zip: ["fans"],
-});
-
-/** What an export is, by its type. @type {Record<string, string>} */
-export const TYPES = {
-  mesh: "Surface mesh",
-  voxels: "Voxel model",
-  slice: "Cross-section",
-  deck: "Model for CalculiX or Abaqus",
-  ldpm: "Lattice discrete particle model",
-  certificates: "Proofs that close grains keep their gaps",
-  shapes: "Shapes of the grains",
-  quality: "Quality: is the packing random",
-  properties: "Stiffness, expansion and conductivity",
-};
-
-/** What a format is for. @type {Record<string, string>} */
-export const FORMATS = {
-  msh: "Gmsh mesh",
-  geo: "Gmsh script",
-  stl: "STL",
-  vtu: "ParaView",
-  med: "MED",
-  vti: "ParaView",
-  vtk: "VTK, legacy",
-  raw: "raw bytes",
-  npy: "NumPy",
-  inp: "Abaqus",
-  svg: "SVG",
-  png: "PNG",
-  json: "JSON",
-  chrono: "Project Chrono",
-  tets: "tetrahedra",
-  facets: "facets",
-  cells: "cells",
-  csv: "CSV",
-  zip: "zip",
-};
-
 /**
  * A document that was typed; what is none is sent as its text, for the server to refuse.
  * @param {string} words
@@ -134,18 +89,16 @@ function documentOf(words) {
  * Fields for some options.
  * @param {string[]} names
  * @param {() => void} changed
- * @param {string} [format] of the file
  * @returns {{elements: HTMLElement[], values: () => Record<string, any>,
  *   mark: (faults: {name: string, detail: string}[]) => string[]}} `values` has those that differ from the server's
  *   defaults; `mark` shows faults at their fields, and gives back those of no field
  */
-export function fields(names, changed, format = "") {
+export function fields(names, changed) {
   /** @type {[string, Option, HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement][]} */
   const all = [];
   /** @type {(name: string) => HTMLElement[]} */
   const make = (name) => {
-    const known = OPTIONS[name] ?? { label: name.replaceAll("_", " ") };
-    const option = name === "for" ? { ...known, choices: READERS[format] ?? [""] } : known;
+    const option = OPTIONS[name] ?? { label: name.replaceAll("_", " ") };
     const id = `option-${name}`;
     const { choices, flag, json, unit, hint } = option;
     const described = `${hint ? `${id}-hint ` : ""}${id}-fault`;
@@ -188,8 +141,7 @@ export function fields(names, changed, format = "") {
         const { checked } = /** @type {HTMLInputElement} */ (field);
         if (checked !== (option.value === 1)) out[name] = checked;
       } else if (option.choices) {
-        // A format for one program needs its name.
-        if (field.value !== option.choices[0] || (name === "for" && field.value)) out[name] = field.value;
+        if (field.value !== option.choices[0]) out[name] = field.value;
       } else if (field.value.trim() === "") continue;
       else out[name] = option.json ? documentOf(field.value).value : numberOf(field.value);
     }

@@ -1,53 +1,38 @@
-/** Files of a result: the grains in each format, and exports that the server makes on request. */
+/** Files of a result by the program that reads them: the grains in each format, and exports that the server makes. */
 import { absolute } from "./address.js";
 import { get, request as ask, send } from "./api.js";
+import { confirmDeletion } from "./deletion.js";
 import { badge, bytes, h, number, percent, replace, text } from "./dom.js";
-import { fields, FORMATS, TYPES } from "./export-options.js";
-import { announce, confirm, report as problem } from "./shell.js";
+import { fields } from "./export-options.js";
+import { keyOf, PROGRAMS, SOLID, wordsOf } from "./job-programs.js";
+import { qualityOf } from "./job-quality.js";
+import { announce, report as problem } from "./shell.js";
 
-/** @type {Record<string, string>} */
-const GRAINS = {
-  csv: "table",
-  json: "with all figures",
-  npy: "NumPy",
-  vtp: "ParaView",
-  vtk: "VTK, legacy",
-  html: "viewer",
-};
-
-/**
- * Links to the grains, with the lengths of the files.
- * @param {any} job
- */
-export function downloadPart(job) {
-  const links = job.result.formats
-    .filter((/** @type {string} */ f) => GRAINS[f])
-    .map((/** @type {string} */ format) => {
-      const size = h("span", {}, GRAINS[format]);
-      const href = absolute(`${job.links.result}?format=${format}`);
-      ask("GET", href, undefined, { headers: { range: "bytes=0-0" } }).then(
-        (answer) => {
-          const total = Number(answer.headers.get("content-range")?.split("/")[1]);
-          answer.body?.cancel();
-          if (total) text(size, `${GRAINS[format]}, ${bytes(total)}`);
-        },
-        () => {},
-      );
-      return h("a", { class: "button", href, download: "" }, format.toUpperCase(), " ", size);
-    });
-  return h(
-    "section",
-    { class: "panel", "aria-labelledby": "files-title" },
-    h("h2", { id: "files-title" }, "Grains as a file"),
-    h("div", { class: "links" }, links),
-  );
-}
+/** Where the browser keeps which program was chosen last. */
+const KEPT = "packstone-program";
+/** The files that are not made without materials. */
+const NEED_MATERIALS = new Set(["deck zip", "voxels zip fans"]);
+/** Materials to start from where the request has none: a mortar with stiff grains. */
+const MATERIALS =
+  '{"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, ' +
+  '"aggregate": {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2}}';
+/** What is said of a mesh of surfaces. */
+const NO_SOLID = "Surfaces alone, without solid elements. For a solid mesh choose ";
 
 /** The value of an option, which has spaces to be broken at. @param {any} value @returns {string} */
 function inWords(value) {
   if (typeof value !== "object") return String(value);
   const parts = Object.entries(value).map(([name, part]) => `${name} ${inWords(part)}`);
   return `(${parts.join(", ")})`;
+}
+
+/** The program that was chosen last. */
+function lastChosen() {
+  try {
+    return localStorage.getItem(KEPT) ?? "";
+  } catch {
+    return "";
+  }
 }
 
 export class ExportPart {
@@ -59,18 +44,21 @@ export class ExportPart {
   constructor(job, request, report) {
     this.job = job;
     this.request = request;
+    this.shapes = Boolean(report.shapes);
+    this.program = PROGRAMS.find(({ name }) => name === lastChosen()) ?? PROGRAMS[0];
+    this.made = fields([], () => {});
     this.kind = h("select", { id: "export-kind", onchange: () => this.#options() });
     this.options = h("div", { class: "options" });
+    this.note = h("p", { class: "hint note" });
     this.estimate = h("div", { class: "hint estimate", role: "status" });
     this.fault = h("p", { class: "fault", role: "alert" });
+    this.links = h("div", { class: "links" });
     this.list = h("div", {});
-    this.shapes = Boolean(report.shapes);
-    this.made = fields([], () => {});
     this.details = h("details", {}, h("summary", {}, "Options"), this.options);
-    const form = h(
+    this.form = h(
       "form",
       {
-        class: "stack",
+        class: "stack tight",
         onsubmit: (/** @type {Event} */ event) => {
           event.preventDefault();
           this.#start();
@@ -82,65 +70,130 @@ export class ExportPart {
         h("div", { class: "field" }, h("label", { for: "export-kind" }, "File"), this.kind),
         h("button", { type: "submit" }, "Make the file"),
       ),
+      this.note,
       this.estimate,
       this.details,
       this.fault,
     );
+    this.choices = h("span", { class: "choices", role: "radiogroup", "aria-labelledby": "exports-title" });
     this.element = h(
       "section",
       { class: "panel stack", "aria-labelledby": "exports-title" },
-      h("h2", { id: "exports-title" }, "Meshes and models"),
-      form,
+      h("h2", { id: "exports-title" }, "Files by program"),
+      this.choices,
+      this.links,
+      this.form,
       this.list,
     );
   }
 
   async start() {
     const { exports } = await get("/v1/capabilities");
-    /** @type {{type: string, format: string, options: string[]}[]} */
-    this.kinds = exports.flatMap((/** @type {any} */ e) =>
-      e.formats.map((/** @type {any} */ f) => ({ type: e.type, format: f.name, options: f.options })),
+    /** The options of each type and format that the server knows. @type {Map<string, string[]>} */
+    this.known = new Map(
+      exports.flatMap((/** @type {any} */ e) =>
+        e.formats.map((/** @type {any} */ f) => [`${e.type} ${f.name}`, f.options]),
+      ),
     );
-    const fits = this.kinds.filter(
-      ({ type, format }) =>
-        // Pictures of cuts have a part of the page of their own.
-        (type !== "slice" || ["msh", "inp", "vtu"].includes(format)) &&
-        (this.shapes || (type !== "shapes" && type !== "certificates")),
-    );
-    const groups = [...new Set(fits.map(({ type }) => type))];
     replace(
-      this.kind,
-      groups.map((type) =>
+      this.choices,
+      PROGRAMS.map((program) =>
         h(
-          "optgroup",
-          { label: TYPES[type] ?? type },
-          fits
-            .filter((f) => f.type === type)
-            .map((f) =>
-              h(
-                "option",
-                { value: `${type} ${f.format}` },
-                `${TYPES[type] ?? type}: ${FORMATS[f.format] ?? f.format} (${f.format})`,
-              ),
-            ),
+          "label",
+          {},
+          h("input", {
+            type: "radio",
+            name: "program",
+            value: program.name,
+            checked: program === this.program,
+            onchange: () => this.#choose(program),
+          }),
+          program.name,
         ),
       ),
     );
-    this.#options();
+    this.#choose(this.program);
     await this.refresh();
   }
 
+  /** Shows the files for a program. @param {import("./job-programs.js").Program} program */
+  #choose(program) {
+    this.program = program;
+    try {
+      localStorage.setItem(KEPT, program.name);
+    } catch {
+      // Without storage the first program is chosen next time.
+    }
+    replace(this.links, this.#grains(program.grains));
+    const fits = program.files.filter(
+      ({ type, format }) =>
+        this.known?.has(`${type} ${format}`) && (this.shapes || (type !== "shapes" && type !== "certificates")),
+    );
+    replace(
+      this.kind,
+      fits.map((file) => h("option", { value: keyOf(file) }, `${file.words} (${file.format})`)),
+    );
+    this.form.hidden = fits.length === 0;
+    if (fits.length) this.#options();
+  }
+
+  /** Links to the grains in some formats, with the lengths of the files. @param {[string, string][]} formats */
+  #grains(formats) {
+    return formats
+      .filter(([format]) => this.job.result.formats.includes(format))
+      .map(([format, words]) => {
+        const size = h("span", {}, words);
+        const href = absolute(`${this.job.links.result}?format=${format}`);
+        ask("GET", href, undefined, { headers: { range: "bytes=0-0" } }).then(
+          (answer) => {
+            const total = Number(answer.headers.get("content-range")?.split("/")[1]);
+            answer.body?.cancel();
+            if (total) text(size, `${words}, ${bytes(total)}`);
+          },
+          () => {},
+        );
+        return h("a", { class: "button", href, download: "" }, format.toUpperCase(), " ", size);
+      });
+  }
+
+  /** The file that is chosen. */
   #chosen() {
-    const [type = "", format = ""] = this.kind.value.split(" ");
-    return { type, format };
+    return this.program.files.find((file) => keyOf(file) === this.kind.value) ?? this.program.files[0];
+  }
+
+  /** What is to be made: type, format and options. */
+  #wanted() {
+    const { type, format, set = {} } = this.#chosen();
+    return { type, format, ...this.made.values(), ...set };
   }
 
   #options() {
-    const { type, format } = this.#chosen();
-    const names = this.kinds?.find((k) => k.type === type && k.format === format)?.options ?? [];
-    this.made = fields(names, () => this.#estimate(), format);
+    const file = this.#chosen();
+    const { type, format } = file;
+    const names = this.known?.get(`${type} ${format}`) ?? [];
+    // What makes one file of a format another one is no option of it.
+    const free = names.filter((name) => name !== "for" && !(type === "mesh" && name === "elements"));
+    const made = file.surface ? free.filter((name) => !/^(order|tet_|target_)/.test(name)) : free;
+    this.made = fields(made, () => this.#estimate());
     const { elements } = this.made;
     replace(this.options, elements.length ? elements : h("p", { class: "hint" }, "This file has no options."));
+    const materials = /** @type {HTMLTextAreaElement | null} */ (this.options.querySelector("#option-materials"));
+    if (materials && !this.request.materials && NEED_MATERIALS.has(keyOf(file))) materials.value = MATERIALS;
+    const solid = () => {
+      const gmsh = /** @type {import("./job-programs.js").Program} */ (PROGRAMS.find(({ name }) => name === "Gmsh"));
+      const radio = /** @type {HTMLInputElement} */ (this.choices.querySelector("[value=Gmsh]"));
+      radio.checked = true;
+      this.#choose(gmsh);
+      this.kind.value = SOLID;
+      this.#options();
+      this.kind.focus();
+    };
+    replace(
+      this.note,
+      file.note,
+      file.surface && NO_SOLID,
+      file.surface && h("button", { type: "button", class: "quiet", onclick: solid }, "Solid mesh: tetrahedra"),
+    );
     this.#estimate();
   }
 
@@ -148,17 +201,22 @@ export class ExportPart {
   #estimate() {
     clearTimeout(this.timer);
     this.timer = setTimeout(async () => {
-      const wanted = { ...this.#chosen(), ...this.made.values() };
       this.asking?.abort();
       this.asking = new AbortController();
       const { signal } = this.asking;
       try {
-        const plan = await send("POST", "/v1/plans", { ...this.request, postprocess: [wanted] }, { signal });
+        const plan = await send("POST", "/v1/plans", { ...this.request, postprocess: [this.#wanted()] }, { signal });
         const { estimate } = plan.exports[0];
-        const mesh = estimate.mesh ? `, ${number(estimate.mesh.triangles, 2)} triangles` : "";
+        const { mesh } = estimate;
+        const parts = [
+          `About ${bytes(mesh?.bytes ?? estimate.bytes)}`,
+          mesh && `${number(mesh.triangles, 2)} triangles`,
+          mesh?.tetrahedra && `${number(mesh.tetrahedra, 2)} tetrahedra`,
+        ];
+        const warnings = estimate.warnings ?? [];
         replace(
           this.estimate,
-          [`About ${bytes(estimate.bytes)}${mesh}`, ...(estimate.warnings ?? [])].map((words) => h("p", {}, words)),
+          [parts.filter(Boolean).join(", "), ...warnings].map((words) => h("p", {}, words)),
         );
         this.#fail();
       } catch (error) {
@@ -182,13 +240,10 @@ export class ExportPart {
   }
 
   async #start() {
-    const { type, format } = this.#chosen();
-    const query = new URLSearchParams({
-      format,
-      ...Object.fromEntries(
-        Object.entries(this.made.values()).map(([k, v]) => [k, typeof v === "object" ? JSON.stringify(v) : String(v)]),
-      ),
-    });
+    const { type, ...options } = this.#wanted();
+    const query = new URLSearchParams(
+      Object.entries(options).map(([k, v]) => [k, typeof v === "object" ? JSON.stringify(v) : String(v)]),
+    );
     this.#fail();
     /** @type {HTMLElement | null} */
     const wrong = this.options.querySelector("[aria-invalid=true]");
@@ -214,28 +269,9 @@ export class ExportPart {
       this.list,
       made.length
         ? h(
-            "div",
-            { class: "table" },
-            h(
-              "table",
-              {},
-              h(
-                "thead",
-                {},
-                h(
-                  "tr",
-                  {},
-                  ["File", "State", "Length", ""].map((name) =>
-                    h("th", { scope: "col" }, name || h("span", { class: "visually-hidden" }, "Actions")),
-                  ),
-                ),
-              ),
-              h(
-                "tbody",
-                {},
-                made.map((/** @type {any} */ e) => this.#row(e)),
-              ),
-            ),
+            "ul",
+            { class: "files", "aria-label": "Files that were made" },
+            made.map((/** @type {any} */ e) => this.#row(e)),
           )
         : [],
     );
@@ -257,59 +293,66 @@ export class ExportPart {
       .map(([k, v]) => `${k} ${inWords(v)}`);
     const remove = async () => {
       const running = item.state === "queued" || item.state === "running";
-      const words = "It can be made again from the result.";
-      if (!running && !(await confirm("Delete this file?", words, "Delete file"))) return;
+      const also = "It can be made again from the result.";
+      if (!running && !(await confirmDeletion({ one: "file", size: item.bytes, also }))) return;
       await send("DELETE", item.links.file)
         .then(() => this.refresh())
         .catch(problem);
     };
     const share = item.state === "running" && item.progress ? ` ${percent(item.progress.fraction)}` : "";
+    const file = wordsOf(item.options);
+    const figures = item.report ? qualityOf(item.report) : [];
+    const warnings = item.report?.warnings ?? [];
     return h(
-      "tr",
+      "li",
       {},
       h(
-        "td",
-        {},
-        h("strong", {}, `${TYPES[type] ?? type}: ${FORMATS[format] ?? format}`),
-        h("div", { class: "hint" }, given.join(", ")),
-        item.error ? h("div", { class: "fault" }, item.error.detail) : null,
+        "div",
+        { class: "file" },
+        h("strong", {}, file ? `${file.name}: ${file.words}` : `${type} (${format})`),
+        " ",
+        badge(item.state),
+        share,
+        item.bytes !== null && h("span", { class: "muted" }, ` ${bytes(item.bytes)}`),
+        given.length > 0 && h("p", { class: "hint" }, given.join(", ")),
+        figures.length > 0 &&
+          h(
+            "dl",
+            { class: "quality" },
+            figures.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
+          ),
+        item.error ? h("p", { class: "fault" }, item.error.detail) : null,
         item.links.script &&
           h(
-            "div",
+            "p",
             { class: "hint" },
-            "Save the script beside the mesh: gmsh -3 NAME.msh.geo fills it with tetrahedra.",
+            "Surfaces alone: save the script beside the mesh, and gmsh -3 NAME.msh.geo fills it with tetrahedra.",
           ),
-        (item.report?.warnings ?? []).map((/** @type {string} */ w) => h("div", { class: "hint" }, w)),
+        warnings.map((/** @type {string} */ words) => h("p", { class: "hint" }, words)),
       ),
-      h("td", {}, badge(item.state), share),
-      h("td", { class: "number" }, bytes(item.bytes)),
       h(
-        "td",
-        {},
+        "div",
+        { class: "actions" },
+        item.state === "succeeded"
+          ? [
+              h(
+                "a",
+                {
+                  class: "button",
+                  href: absolute(item.links.file),
+                  download: "",
+                  "data-of": `get ${item.links.self}`,
+                },
+                "Download",
+              ),
+              item.links.script &&
+                h("a", { class: "button", href: absolute(item.links.script), download: "" }, "Script for Gmsh"),
+            ]
+          : [],
         h(
-          "div",
-          { class: "actions" },
-          item.state === "succeeded"
-            ? [
-                h(
-                  "a",
-                  {
-                    class: "button",
-                    href: absolute(item.links.file),
-                    download: "",
-                    "data-of": `get ${item.links.self}`,
-                  },
-                  "Download",
-                ),
-                item.links.script &&
-                  h("a", { class: "button", href: absolute(item.links.script), download: "" }, "Script for Gmsh"),
-              ]
-            : [],
-          h(
-            "button",
-            { type: "button", class: "quiet", onclick: remove, "data-of": `delete ${item.links.self}` },
-            item.state === "running" || item.state === "queued" ? "Cancel" : "Delete",
-          ),
+          "button",
+          { type: "button", class: "quiet", onclick: remove, "data-of": `delete ${item.links.self}` },
+          item.state === "running" || item.state === "queued" ? "Cancel" : "Delete",
         ),
       ),
     );

@@ -54,6 +54,16 @@ const list = (facts, kind) =>
     facts.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", {}, value))),
   );
 
+/** A gap, which may be very small. @param {number | null | undefined} mm */
+export const gap = (mm) =>
+  mm === null || mm === undefined
+    ? "\u2013"
+    : mm < 1e-6
+      ? "below 0.001\u202fµm"
+      : mm < 0.001
+        ? quantity(1000 * mm, "µm", 2)
+        : quantity(mm, "mm", 3);
+
 /**
  * The figures of a result.
  * @param {any} job
@@ -63,14 +73,6 @@ const list = (facts, kind) =>
  */
 export function facts(job, request, report, changes = null) {
   const { summary, check, timings_s: timings, shapes } = report;
-  const gap = (/** @type {number | null | undefined} */ mm) =>
-    mm === null || mm === undefined
-      ? "\u2013"
-      : mm < 1e-6
-        ? "below 0.001\u202fµm"
-        : mm < 0.001
-          ? quantity(1000 * mm, "µm", 2)
-          : quantity(mm, "mm", 3);
   /** @type {[string, Node | string][]} */
   const more = [
     ["Specimen", specimenWords(request.specimen)],

@@ -30,7 +30,15 @@ export function legend(summary, colour, { dmin, dmax }, what) {
   const sieves = [0.063, 0.125, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 63, 125].filter(
     (d) => d > dmin * 1.12 && d < dmax / 1.12,
   );
-  const marks = dmax > 1.001 * dmin ? [dmin, ...sieves, dmax] : [dmin];
+  // A label takes about a seventh of the scale.
+  const apart = (/** @type {number} */ a, /** @type {number} */ b) => Math.log(b / a) / Math.log(dmax / dmin) > 1 / 6;
+  let last = dmin;
+  const between = sieves.filter((d) => {
+    const fits = apart(last, d) && apart(d, dmax);
+    if (fits) last = d;
+    return fits;
+  });
+  const marks = dmax > 1.001 * dmin ? [dmin, ...between, dmax] : [dmin];
   return [
     h("div", {}, `${what}, mm`),
     h("div", { class: "bar-of", style: { background: `linear-gradient(to right, ${viridis.map(css).join(", ")})` } }),

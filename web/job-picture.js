@@ -45,8 +45,7 @@ export function picturePart(viewer, name) {
   );
   return h(
     "fieldset",
-    { class: "stack tight" },
-    h("legend", {}, "Picture as PNG"),
+    { class: "stack tight", "aria-label": "Picture as PNG" },
     h(
       "div",
       { class: "row" },

@@ -1,16 +1,14 @@
 /** The packing in three dimensions: the canvas, its controls, its legend, and what it shows in words and as a table. */
-import { h, number, quantity, replace, text } from "./dom.js";
+import { h, number, replace, text } from "./dom.js";
 import { sizeOf } from "./job-facts.js";
 import { classTable, legend } from "./job-legend.js";
 import { picturePart } from "./job-picture.js";
+import { Cuts, mm, radios, slider, VIEWS } from "./view-controls.js";
+import { factsOf, Overlay } from "./view-overlay.js";
 import { Viewer } from "./viewer/viewer.js";
 
-const AXES = ["x", "y", "z"];
 /** Most grains that are loaded: 32 MB on a large screen, 8 MB on a small one. */
 const MOST = matchMedia("(max-width: 40rem)").matches ? 1_000_000 : 4_000_000;
-
-/** Two decimals below 10 mm, one above. @param {number} value */
-const mm = (value) => quantity(Number(value.toFixed(value < 10 ? 2 : 1)), "mm");
 
 /**
  * @typedef {object} Source the grains of a result
@@ -44,6 +42,7 @@ export class ViewPart {
       "aria-describedby": "view-words view-keys",
     });
     this.tools = h("div", { class: "tools" });
+    this.stage = h("div", { class: "stage" }, this.canvas, this.said, this.legend);
     this.shown = h(
       "div",
       { class: "shown" },
@@ -61,7 +60,9 @@ export class ViewPart {
         h("kbd", {}, "C"),
         " cuts along x, y, z, ",
         h("kbd", {}, "Home"),
-        " starts again. On a touch screen one finger turns, two magnify and move.",
+        " starts again. A click tells of a grain, ",
+        h("kbd", {}, "Enter"),
+        " of the one in the middle. On a touch screen one finger turns, two magnify and move.",
       ),
       !this.spheres &&
         h(
@@ -74,8 +75,8 @@ export class ViewPart {
     this.element = h(
       "section",
       { class: "panel viewer", "aria-labelledby": "view-title" },
-      h("h2", { id: "view-title" }, "Packing"),
-      h("div", { class: "stage" }, this.canvas, this.said, this.legend),
+      h("h2", { id: "view-title", class: "visually-hidden" }, "Packing"),
+      this.stage,
       this.tools,
       this.shown,
     );
@@ -92,6 +93,9 @@ export class ViewPart {
     viewer.classes = this.summary.classes.map((/** @type {any} */ c) => c.d_min_mm);
     viewer.addEventListener("change", () => this.#follow());
     viewer.addEventListener("progress", () => this.#arrived());
+    viewer.addEventListener("pick", (event) => this.#pick(/** @type {CustomEvent} */ (event).detail));
+    this.overlay = new Overlay(viewer);
+    this.stage.append(this.overlay.drawing, this.overlay.card, this.#views());
     viewer.addEventListener("rest", () => {
       this.canvas.dataset.drawn = String(viewer.arrived);
     });
@@ -104,6 +108,44 @@ export class ViewPart {
     viewer.addEventListener("error", (event) => this.#failed(/** @type {CustomEvent} */ (event).detail));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => viewer.request(false));
     await this.#load();
+  }
+
+  /** Tells of the grain at a place of the canvas. @param {number[]} place */
+  async #pick([x = 0, y = 0]) {
+    const { viewer, overlay, summary } = this;
+    if (!viewer?.head || !overlay) return;
+    const picked = await viewer.grainAt(x, y);
+    overlay.show(picked ? { picked, facts: factsOf(picked, viewer.head.count, summary) } : null);
+  }
+
+  /** The buttons of the standard views and of the full screen. */
+  #views() {
+    const view = (/** @type {[string, string, number, number]} */ [name, words, az, el]) =>
+      h(
+        "button",
+        {
+          type: "button",
+          title: words,
+          "aria-label": words,
+          onclick: () => this.viewer?.set({ pose: { az, el, zoom: 1, pan: [0, 0.06] } }),
+        },
+        name,
+      );
+    const full = h(
+      "button",
+      {
+        type: "button",
+        onclick: () =>
+          document.fullscreenElement
+            ? document.exitFullscreen()
+            : this.element.requestFullscreen().catch((error) => text(this.said, error.message)),
+      },
+      "Full screen",
+    );
+    document.addEventListener("fullscreenchange", () =>
+      text(full, document.fullscreenElement === this.element ? "Leave full screen" : "Full screen"),
+    );
+    return h("div", { class: "views", role: "group", "aria-label": "Views" }, VIEWS.map(view), full);
   }
 
   async #load() {
@@ -149,33 +191,18 @@ export class ViewPart {
   /** Makes the controls; the head of the view has the specimen's size and the grains'. */
   #controls() {
     const viewer = /** @type {Viewer} */ (this.viewer);
-    const { size, dmin, dmax } = /** @type {import("./viewer/read.js").Head} */ (viewer.head);
+    const head = /** @type {import("./viewer/read.js").Head} */ (viewer.head);
+    const { size, dmin, dmax } = head;
     this.made = true;
-    /**
-     * @param {string} id
-     * @param {string} label
-     * @param {number} max
-     * @param {(at: number) => void} set
-     */
-    const slider = (id, label, max, set) => {
-      const input = h("input", { id, type: "range", min: 0, max, step: "any", value: max });
-      const output = h("output", { for: id });
-      input.addEventListener("input", () => set(Number(input.value)));
-      input.addEventListener("keydown", (event) => {
-        // one of 100 steps a key
-        const step = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
-        if (!step) return;
-        event.preventDefault();
-        input.value = String(Number(input.value) + (step * max) / 100);
-        set(Number(input.value));
-      });
-      return { row: h("div", { class: "slider" }, h("label", { for: id }, label), input, output), input, output };
-    };
-    this.cuts = size.map((length, i) =>
-      slider(`cut-${AXES[i]}`, AXES[i] ?? "", length, (at) => {
-        viewer.set({ cut: viewer.cut.map((c, k) => (k === i ? (at >= length ? 1e9 : at) : c)) });
-      }),
-    );
+    // As `--picture` shows it: the matrix, without the octant next to the eye.
+    viewer.initial = { cut: size.map((length) => length / 2), octant: true, matrix: head.specimen < 2 };
+    viewer.set(viewer.initial);
+    this.cuts = new Cuts(viewer, head);
+    this.matrix = h("input", {
+      id: "show-matrix",
+      type: "checkbox",
+      onchange: () => viewer.set({ matrix: this.matrix?.checked }),
+    });
     const scale = Math.log(dmax / dmin) || 1;
     this.sizes = ["from", "to"].map((label, i) =>
       slider(`size-${label}`, label, 100, (at) => {
@@ -191,33 +218,14 @@ export class ViewPart {
       ["class", "size class"],
     ];
     if (this.aggregates.length > 1 && viewer.head?.stride === 24) kinds.push(["aggregate", "aggregate"]);
-    const colour = h(
-      "span",
-      { class: "choices", role: "radiogroup", "aria-label": "Colour of the grains" },
-      kinds.map(([value, label]) =>
-        h(
-          "label",
-          {},
-          h("input", {
-            type: "radio",
-            name: "colour",
-            value,
-            checked: value === viewer.colour,
-            onchange: () => viewer.set({ colour: value }),
-          }),
-          label,
-        ),
-      ),
+    const colour = radios("colour", "Colour of the grains", kinds, viewer.colour, (value) =>
+      viewer.set({ colour: value }),
     );
     const back = h("button", { type: "button", onclick: () => viewer.reset() }, "Reset view");
     replace(
       this.tools,
-      h(
-        "fieldset",
-        {},
-        h("legend", {}, "Cut, keep below"),
-        this.cuts.map((c) => c.row),
-      ),
+      head.specimen < 2 && h("label", { class: "check" }, this.matrix, "Matrix and faces of the specimen"),
+      this.cuts.element,
       h(
         "fieldset",
         {},
@@ -226,7 +234,7 @@ export class ViewPart {
       ),
       h("div", {}, h("p", { class: "label" }, "Colour by"), colour),
       h("div", { class: "actions" }, back),
-      picturePart(viewer, `packing-${this.source.name}`),
+      h("details", {}, h("summary", {}, "Picture as PNG"), picturePart(viewer, `packing-${this.source.name}`)),
     );
     this.#follow();
   }
@@ -235,14 +243,11 @@ export class ViewPart {
   #follow() {
     const { viewer, cuts, sizes } = this;
     if (!viewer?.head || !cuts || !sizes) return;
-    const { size, dmin, dmax, count } = viewer.head;
+    const { dmin, dmax, count } = viewer.head;
     const scale = Math.log(dmax / dmin) || 1;
-    cuts.forEach(({ input, output }, i) => {
-      const [at, length] = [viewer.cut[i] ?? 1e9, size[i] ?? 1];
-      input.value = String(Math.min(at, length));
-      text(output, at >= length ? "no cut" : mm(at));
-      input.setAttribute("aria-valuetext", output.textContent ?? "");
-    });
+    const cutWords = cuts.follow();
+    if (this.matrix) this.matrix.checked = viewer.matrix;
+    this.overlay?.draw();
     sizes.forEach(({ input, output }, i) => {
       const d = Math.min(dmax, Math.max(dmin, viewer.show[i] ?? 0));
       const at = (viewer.show[i] ?? 0) > dmax ? 100 : (100 * Math.log(d / dmin)) / scale;
@@ -260,13 +265,12 @@ export class ViewPart {
         cell.toggleAttribute("hidden", viewer.colour !== "class");
     }
     const [from, end] = viewer.range();
-    const kept = viewer.cut.map((c, i) => (c < (size[i] ?? 0) ? `${AXES[i]} below ${mm(c)}` : "")).filter(Boolean);
     const degrees = (/** @type {number} */ a) => `${Math.round((a * 180) / Math.PI)}°`;
     text(
       this.words,
       `${end - from === count ? `All ${number(count)}` : `${number(end - from)} of ${number(count)}`} grains` +
         ` of ${mm(Math.max(dmin, viewer.show[0] ?? 0))} to ${mm(Math.min(dmax, viewer.show[1] ?? 0))}` +
-        `${this.spheres ? "" : " (enclosing spheres)"}, ${kept.length ? `cut: ${kept.join(", ")} is shown` : "not cut"}` +
+        `${this.spheres ? "" : " (enclosing spheres)"}${viewer.matrix ? " in the matrix" : ""}, ${cutWords}` +
         `, seen from ${degrees(((viewer.pose.az % (2 * Math.PI)) + 2 * Math.PI) % (2 * Math.PI))} about z` +
         ` and ${degrees(viewer.pose.el)} above, magnified ${number(viewer.pose.zoom, 2)} times.`,
     );

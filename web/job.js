@@ -1,16 +1,14 @@
 /** The page of a job: its progress while it runs, then its result. */
 import { absolute, within } from "./address.js";
 import { events, get, Problem, request as ask, send } from "./api.js";
-import { curl, json, python } from "./code.js";
-import { badge, byId, copyButton, h, replace, text } from "./dom.js";
-import { downloadPart, ExportPart } from "./job-exports.js";
-import { ModelPart } from "./job-model.js";
+import { badge, byId, h, replace, text } from "./dom.js";
+import { cancelJob, maximizes } from "./job-cancel.js";
 import { changeLinks, changesOf } from "./job-changes.js";
 import { partialBadge } from "./job-ends.js";
 import { failure, facts, leadOf } from "./job-facts.js";
 import { growthPart, RunPart } from "./job-run.js";
-import { plotPart, slicePart } from "./job-slices.js";
-import { announce, confirm, report, shell } from "./shell.js";
+import { announce, report, shell } from "./shell.js";
+import { tabs } from "./tabs.js";
 
 const path = `/v1${within(location.pathname)}`;
 const run = new RunPart(byId("run"));
@@ -18,6 +16,8 @@ const run = new RunPart(byId("run"));
 let job;
 /** @type {any} and its request. */
 let request;
+/** What it packs, as the service says it. */
+let title = "";
 /** @type {{close: () => void} | null} */
 let stream = null;
 /** Attempt and state whose result is on the page. */
@@ -27,7 +27,7 @@ const ended = (/** @type {any} */ of = job) => ["succeeded", "failed", "cancelle
 
 /** Title, state and actions. */
 function head() {
-  const name = job.name ?? `Job ${job.id.slice(-8)}`;
+  const name = job.name ?? (title || `Job ${job.id.slice(-8)}`);
   document.title = `${job.state === "running" ? "Running: " : ""}${name} - Packstone`;
   replace(byId("title"), h("bdi", {}, name), badge(job.state, job), partialBadge(job.result?.summary));
   replace(byId("lead"), ...leadOf(job));
@@ -54,10 +54,23 @@ function head() {
     mayFinish() ? button("Stop and keep", finish) : null,
     !ended() && !job.cancel_requested ? button("Cancel", cancel) : null,
     job.state === "cancelled" || job.error?.can_retry ? button("Retry", retry) : null,
+    provenChange(),
     request && again(),
     ended() ? button("Delete", remove, "danger") : null,
   );
   if (focus) /** @type {HTMLElement | null} */ (document.querySelector(`[data-action="${focus}"]`))?.focus();
+}
+
+/** After a failure that a second run would repeat: the first change that can succeed, as a link. */
+function provenChange() {
+  const [change] = job.state === "failed" && !job.error?.can_retry ? (job.error?.changes ?? []) : [];
+  if (!change || !request) return null;
+  const link = changeLinks([change], request, report)?.querySelector("a");
+  if (!link) return null;
+  link.classList.add("primary");
+  link.dataset.action = "Change";
+  replace(link, `Try: ${change.title}`);
+  return link;
 }
 
 /** A link to the form, filled with the request: its address is made when it is about to be used. */
@@ -93,8 +106,10 @@ async function finish() {
 }
 
 async function cancel() {
-  update(await send("POST", job.links.cancel));
-  announce("The job is being cancelled");
+  const done = await cancelJob(job, maximizes(request));
+  if (!done) return;
+  update(done.job);
+  announce(done.words);
 }
 
 async function retry() {
@@ -107,8 +122,9 @@ async function retry() {
 }
 
 async function remove() {
-  const words = "The job, its result and all files that were made of it are deleted. This cannot be undone.";
-  if (!(await confirm("Delete this job?", words, "Delete job"))) return;
+  const { confirmDeletion } = await import("./deletion.js");
+  const also = "The result and all files that were made of it are deleted, too.";
+  if (!(await confirmDeletion({ one: "job", name: job.name, size: job.result?.bytes, also }))) return;
   await send("DELETE", path);
   location.assign(absolute("/jobs"));
 }
@@ -140,7 +156,10 @@ function update(now) {
       ? h("div", { class: "notice" }, h("p", {}, "The job was cancelled and has no result."))
       : null,
   );
-  if (job.state === "succeeded") result(key).catch(report);
+  if (job.state === "succeeded") {
+    replace(byId("request"));
+    result(key).catch(report);
+  }
 }
 
 /** Shows the result. @param {string} key of the job that it belongs to */
@@ -153,22 +172,53 @@ async function result(key) {
   };
   const { partial } = found.summary;
   const view = new ViewPart({ name: `${job.id.slice(-8)}${partial ? "-partial" : ""}`, open }, found, request);
-  const exports = new ExportPart(job, request, found);
-  const model = new ModelPart(job, request, () => exports.refresh());
-  const parts = [
+  // What else can be made of the packing, by what it is for.
+  const more = tabs(
+    [
+      {
+        id: "slices",
+        name: "Slices",
+        make: async () => (await import("./job-slices.js")).slicePart(job, request, found, view.viewer),
+      },
+      { id: "plots", name: "Plots", make: () => plots(found) },
+      { id: "files", name: "Files", make: files },
+      { id: "models", name: "Stiffness and models", make: models },
+      {
+        id: "request",
+        name: "Request",
+        make: async () => (await import("./job-request.js")).requestPart(job, request),
+      },
+    ],
+    "Parts of the result",
+  );
+  async function files() {
+    const { ExportPart } = await import("./job-exports.js");
+    const part = new ExportPart(job, request, found);
+    exports = part;
+    // Its list is shown when it is on the page.
+    setTimeout(() => part.start().catch(report));
+    return part.element;
+  }
+  async function models() {
+    const { ModelPart } = await import("./job-model.js");
+    const part = new ModelPart(job, request, async () => exports?.refresh());
+    await part.start();
+    return part.element;
+  }
+  /** @type {import("./job-exports.js").ExportPart | undefined} */
+  let exports;
+  byId("result").prepend(view.element);
+  byId("result").append(
     facts(job, request, found, partial ? changeLinks(changesOf(partial, request), request, report) : null),
-    view.element,
-    model.element,
-    h(
-      "div",
-      { class: "columns" },
-      slicePart(job, request, found),
-      h("div", { class: "stack" }, downloadPart(job), exports.element, growthPart(found, request)),
-    ),
-    plotPart(job, request, found),
-  ];
-  byId("result").append(...parts);
-  await Promise.all([view.start(), exports.start(), model.start()]);
+    more.element,
+  );
+  await view.start();
+}
+
+/** The plots of the result, and the growth of its grains. @param {any} found */
+async function plots(found) {
+  const { plotPart } = await import("./job-plots.js");
+  return h("div", { class: "stack" }, plotPart(job, request, found), growthPart(found, request));
 }
 
 /** Shows the progress. The first one that tells of grains offers to keep them. @param {any} now */
@@ -196,56 +246,16 @@ function stop() {
   stream = null;
 }
 
-/** The request as JSON, curl and Python. */
-function requestPart() {
-  const long = json(request).length > 200_000;
-  if (long) {
-    return h(
-      "section",
-      { class: "panel", "aria-labelledby": "request-title" },
-      h("h2", { id: "request-title" }, "Request"),
-      h("p", {}, "The request is long. ", h("a", { href: absolute(job.links.request) }, "Read it as JSON"), "."),
-    );
-  }
-  const withKey = job.submitted_by !== null;
-  /** @type {Record<string, string>} */
-  const forms = { JSON: `${json(request)}\n`, curl: curl(request, withKey), Python: python(request, withKey) };
-  const words = h("pre", { tabindex: "0", "aria-label": "Request as JSON" }, forms.JSON);
-  const choose = (/** @type {string} */ kind) => {
-    text(words, forms[kind] ?? "");
-    words.setAttribute("aria-label", `Request as ${kind}`);
-  };
-  return h(
-    "section",
-    { class: "panel stack tight", "aria-labelledby": "request-title" },
-    h("h2", { id: "request-title" }, "Request"),
-    h(
-      "div",
-      { class: "actions" },
-      h(
-        "span",
-        { class: "choices", role: "radiogroup", "aria-label": "Form of the request" },
-        Object.keys(forms).map((kind) =>
-          h(
-            "label",
-            {},
-            h("input", { type: "radio", name: "form", checked: kind === "JSON", onchange: () => choose(kind) }),
-            kind,
-          ),
-        ),
-      ),
-      copyButton(() => words.textContent ?? ""),
-    ),
-    words,
-  );
-}
-
 shell();
 try {
-  const found = await Promise.all([get(path), get(`${path}/request`)]);
+  const found = await Promise.all([get(`${path}?overview=true`), get(`${path}/request`)]);
   request = found[1];
+  title = found[0].overview?.title ?? "";
   update(found[0]);
-  replace(byId("request"), requestPart());
+  if (job.state !== "succeeded") {
+    const { requestPart } = await import("./job-request.js");
+    if (job.state !== "succeeded") replace(byId("request"), requestPart(job, request));
+  }
   if (!ended()) follow();
 } catch (error) {
   text(byId("title"), error instanceof Problem && error.status === 404 ? "No such job" : "Job");

@@ -1,19 +1,34 @@
 /** The list of jobs: filters in the address, pages, and what can be done with each job. */
 import { absolute } from "./address.js";
 import { get, send } from "./api.js";
-import { badge, byId, duration, h, number, replace, when } from "./dom.js";
-import { address } from "./form-address.js";
-import { partialBadge } from "./job-ends.js";
+import { confirmDeletion } from "./deletion.js";
+import { byId, bytes, h, number, replace, text } from "./dom.js";
+import { askToKeep, hasValidPacking, maximizesBy } from "./job-cancel.js";
+import { ALSO, isOpen, makeRow, titleOf } from "./jobs-table.js";
 import { live } from "./live.js";
 import { rows } from "./rows.js";
-import { announce, confirm, report, shell } from "./shell.js";
+import { announce, report, shell } from "./shell.js";
 
 /** Members of the address that the interface takes as they are. */
 const FILTERS = ["state", "name", "label", "method", "study", "sort", "cursor"];
 
 const filters = /** @type {HTMLFormElement} */ (byId("filters"));
 const body = /** @type {HTMLTableSectionElement} */ (byId("jobs"));
+/** The box that chooses all jobs of the page. */
+const all = /** @type {HTMLInputElement} */ (byId("all"));
+/** Most packings that are compared. */
+const MOST_COMPARED = 4;
+/** The totals are counted again after this, in ms: the server walks all jobs that fit. */
+const TOTALS_MS = 10_000;
+
+/** The IDs of the jobs whose boxes are checked. @type {Set<string>} */
+const chosen = new Set();
+/** The jobs that are shown. @type {any[]} */
+let items = [];
 let timer = 0;
+/** When the totals were asked for, and of which filters. */
+let counted = 0;
+let countedOf = "";
 
 /** The filters of the address, as a query of the interface. */
 function query() {
@@ -59,9 +74,23 @@ async function update() {
   const query_ = query();
   const here = query_.toString();
   try {
-    const page = await get(`/v1/jobs?${query_}`);
+    const due = countedOf !== here || Date.now() - counted > TOTALS_MS;
+    const page = await get(`/v1/jobs?${query_}&overview=true${due ? "&totals=true" : ""}`);
     if (here !== query().toString()) return;
-    rows(body, page.items, (job) => job.id, makeRow);
+    items = page.items;
+    const known = new Set(items.map((job) => job.id));
+    for (const id of chosen) if (!known.has(id)) chosen.delete(id);
+    rows(
+      body,
+      items,
+      (job) => job.id,
+      (job) => makeRow(job, { changed, chosen, choose }),
+    );
+    choose();
+    if (page.totals) {
+      [counted, countedOf] = [Date.now(), here];
+      total(page.totals);
+    }
     byId("table").hidden = !page.items.length;
     byId("empty").hidden = page.items.length > 0;
     pages(query_, page);
@@ -106,138 +135,113 @@ function deletion(query_) {
   const state = query_.get("state");
   const others = ["name", "method", "study"].some((name) => query_.has(name));
   if (others || state === "queued" || state === "running" || !(state || query_.has("label"))) return null;
-  const chosen = new URLSearchParams();
-  for (const name of ["state", "label"]) for (const value of query_.getAll(name)) chosen.append(name, value);
+  const filter_ = new URLSearchParams();
+  for (const name of ["state", "label"]) for (const value of query_.getAll(name)) filter_.append(name, value);
   const remove = async () => {
-    const { deleted: count } = await send("DELETE", `/v1/jobs?${chosen}&dry_run=true`);
-    const jobs = count === 1 ? "1 finished job" : `${number(count)} finished jobs`;
+    const { deleted: count, bytes: size } = await send("DELETE", `/v1/jobs?${filter_}&dry_run=true`);
     if (!count) return announce("No finished job fits these filters; jobs of studies are left to their study.");
-    const words = "They are removed for good, with their results and exports. Jobs of studies stay.";
-    if (!(await confirm(`Delete ${jobs}?`, words, "Delete"))) return;
+    const also = "Their results and exports are deleted, too. Jobs of studies stay.";
+    if (!(await confirmDeletion({ count, one: "finished job", size, also }))) return;
     let [deleted, more] = [0, true];
     while (more) {
-      const answer = await send("DELETE", `/v1/jobs?${chosen}`);
+      const answer = await send("DELETE", `/v1/jobs?${filter_}`);
       [deleted, more] = [deleted + answer.deleted, answer.more];
     }
+    counted = 0;
     announce(`Deleted: ${number(deleted)} jobs`);
   };
   const act = () => remove().then(watch.now, report);
   return h("button", { type: "button", class: "quiet", "data-do": "delete-all", onclick: act }, "Delete finished jobs");
 }
 
-/** @param {any} first @returns {import("./rows.js").Row<any>} */
-function makeRow(first) {
-  const { id } = first;
-  const [name, state, grains, took, actions] = [
-    h("th", { scope: "row", role: "rowheader" }),
-    h("td", { role: "cell" }),
-    h("td", { role: "cell", class: "number wide" }),
-    h("td", { role: "cell", class: "number wide" }),
-    h("td", { role: "cell", class: "actions-cell" }),
-  ];
-  const row = h(
-    "tr",
-    { role: "row" },
-    name,
-    state,
-    grains,
-    h("td", { role: "cell", class: "wide nowrap" }, when(first.created_at)),
-    took,
-    actions,
-  );
-  let version = "";
-  return {
-    row,
-    show(job) {
-      const { progress } = job;
-      const waits = job.waiting?.detail;
-      const now = `${job.updated_at} ${job.name} ${job.state} ${progress?.fraction} ${job.cancel_requested} ${job.finish_requested} ${waits}`;
-      if (now === version) return;
-      version = now;
-      replace(
-        name,
-        h("a", { class: "name", href: absolute(`/jobs/${id}`) }, h("bdi", {}, job.name || `Job ${id.slice(-8)}`)),
-        job.study_id &&
-          h(
-            "div",
-            { class: "hint" },
-            h("a", { href: absolute(`/studies/${job.study_id}`) }, "Study"),
-            `, point ${job.point}`,
-          ),
-      );
-      replace(
-        state,
-        badge(job.state, job),
-        " ",
-        partialBadge(job.result?.summary),
-        job.state === "running" && progress && bar(progress),
-        job.error && h("div", { class: "hint" }, job.error.title),
-        waits && h("div", { class: "hint" }, `Waits: ${waits}`),
-      );
-      const { summary } = job.result ?? {};
-      replace(grains, summary && number(summary.grains, 1));
-      const end = job.finished_at ? Date.parse(job.finished_at) : Date.now();
-      replace(
-        took,
-        job.started_at && job.state !== "queued" ? duration((end - Date.parse(job.started_at)) / 1000) : "",
-      );
-      const focus =
-        document.activeElement?.closest("tr") === row ? document.activeElement?.getAttribute("data-do") : null;
-      replace(actions, buttons(job));
-      if (focus)
-        /** @type {HTMLElement} */ (actions.querySelector(`[data-do=${focus}]`) ?? name.firstElementChild).focus();
-    },
-  };
+/** Something was done with a job. */
+function changed() {
+  counted = 0;
+  watch.now();
 }
 
-/** @param {any} progress */
-const bar = ({ fraction, eta_s }) =>
-  h(
-    "div",
-    { class: "running" },
-    h("progress", { value: fraction, max: 1, "aria-label": "Progress" }),
-    eta_s ? h("span", { class: "hint" }, duration(eta_s)) : null,
+/** Shows how many jobs are chosen and what can be done with them. */
+function choose() {
+  const those = items.filter((job) => chosen.has(job.id));
+  all.checked = those.length > 0 && those.length === items.length;
+  all.indeterminate = those.length > 0 && !all.checked;
+  const open = those.filter((job) => isOpen(job) && !job.cancel_requested);
+  const ended = those.filter((job) => !isOpen(job));
+  const packed = those.filter((job) => job.state === "succeeded");
+  const ids = packed.map((job) => job.id).join(",");
+  const focus = document.activeElement?.getAttribute("data-bulk");
+  const button = (/** @type {string} */ words, /** @type {string} */ kind, /** @type {() => Promise<any>} */ act) =>
+    h("button", { type: "button", "data-bulk": kind, onclick: () => act().then(watch.now, report) }, words);
+  const canCompare = packed.length === those.length && packed.length > 1 && packed.length <= MOST_COMPARED;
+  replace(
+    byId("chosen"),
+    those.length > 0 && h("strong", {}, `${those.length} chosen`),
+    canCompare &&
+      h("a", { class: "button", "data-bulk": "compare", href: absolute(`/compare?jobs=${ids}`) }, "Compare"),
+    those.length > 0 && !canCompare && h("span", { class: "hint" }, `Compare takes 2 to ${MOST_COMPARED} packings`),
+    open.length > 0 && button(`Cancel ${open.length}`, "cancel", () => cancelAll(open)),
+    ended.length > 0 && button(`Delete ${ended.length}`, "delete", () => removeAll(ended)),
   );
+  if (focus) /** @type {HTMLElement | null} */ (document.querySelector(`[data-bulk="${focus}"]`))?.focus();
+}
 
-/** What can be done with a job in its state. @param {any} job */
-function buttons(job) {
-  const name = job.name || `job ${job.id.slice(-8)}`;
-  const one = (/** @type {string} */ what, /** @type {string} */ kind, /** @type {() => Promise<any>} */ act) =>
-    h(
-      "button",
-      {
-        type: "button",
-        class: "quiet",
-        "data-do": kind,
-        "aria-label": `${what}: ${name}`,
-        onclick: () => act().then(watch.now, report),
-      },
-      what,
-    );
-  const path = `/v1/jobs/${job.id}`;
-  const waits = job.state === "queued" || job.state === "running";
-  return [
-    waits &&
-      !job.cancel_requested &&
-      one("Cancel", "cancel", async () => {
-        await send("POST", `${path}/cancel`);
-        announce(`Cancelled: ${name}`);
-      }),
-    (job.state === "cancelled" || job.error?.can_retry) && one("Retry", "retry", () => send("POST", `${path}/retry`)),
-    one("Run again", "change", async () => location.assign(address(await get(`${path}/request`)))),
-    !waits &&
-      one("Delete", "delete", async () => {
-        if (
-          !(await confirm("Delete this job?", `"${name}", its result and its exports are removed for good.`, "Delete"))
-        )
-          return;
-        await send("DELETE", path);
-        announce(`Deleted: ${name}`);
-      }),
-  ].filter(Boolean);
+/** Cancels jobs; those that have a valid packing after one question. @param {any[]} jobs */
+async function cancelAll(jobs) {
+  const valid = jobs.filter((job) => hasValidPacking(job, maximizesBy(job.overview)));
+  const answer = valid.length ? await askToKeep(valid.length) : "drop";
+  if (!answer) return;
+  const kept = answer === "keep" ? valid : [];
+  await each(kept, "POST", "/finish", "Stopped and kept");
+  await each(
+    jobs.filter((job) => !kept.includes(job)),
+    "POST",
+    "/cancel",
+    "Cancelled",
+  );
+}
+
+/** Deletes jobs after one question. @param {any[]} jobs */
+async function removeAll(jobs) {
+  const size = jobs.reduce((sum, job) => sum + (job.result?.bytes ?? 0), 0);
+  const also = jobs.length === 1 ? ALSO : "Their results and all files that were made of them are deleted, too.";
+  const name = jobs.length === 1 ? titleOf(jobs[0]) : undefined;
+  if (await confirmDeletion({ count: jobs.length, one: "job", name, size, also }))
+    await each(jobs, "DELETE", "", "Deleted");
+}
+
+/**
+ * Does the same with some jobs, one after the other.
+ * @param {any[]} jobs
+ * @param {string} method
+ * @param {string} action
+ * @param {string} done
+ */
+async function each(jobs, method, action, done) {
+  for (const { id } of jobs) {
+    await send(method, `/v1/jobs/${id}${action}`);
+    chosen.delete(id);
+  }
+  if (!jobs.length) return;
+  counted = 0;
+  announce(`${done}: ${jobs.length} jobs`);
+}
+
+/** Shows how many jobs fit the filters, and what they take. @param {any} totals */
+function total({ jobs, more, bytes: size }) {
+  const words = `${more ? "More than " : ""}${number(jobs, 1)} ${jobs === 1 ? "job" : "jobs"}`;
+  text(byId("totals"), jobs ? `${words}, results of ${bytes(size)}` : "");
 }
 
 shell();
+all.addEventListener("change", () => {
+  for (const { id } of items) {
+    if (all.checked) chosen.add(id);
+    else chosen.delete(id);
+  }
+  for (const box of /** @type {NodeListOf<HTMLInputElement>} */ (body.querySelectorAll(".box input")))
+    box.checked = all.checked;
+  choose();
+});
 filters.addEventListener("submit", (event) => {
   event.preventDefault();
   filter();

@@ -1,5 +1,6 @@
 /** What the list of studies and the page of one study have in common: counts in words, and what can be done. */
 import { get, send } from "./api.js";
+import { confirmDeletion } from "./deletion.js";
 import { h, number } from "./dom.js";
 import { address } from "./form-address.js";
 import { announce, confirm, report } from "./shell.js";
@@ -88,8 +89,8 @@ export function buttons(study, changed, page = { pause() {}, resume() {}, gone: 
   ].filter(Boolean);
 
   async function remove() {
-    const consequence = `"${name}" and its ${number(study.jobs, 1)} jobs with their results are removed for good.`;
-    if (!(await confirm("Delete this study?", consequence, "Delete"))) return;
+    const also = `Its ${number(study.jobs, 1)} jobs are deleted with their results, too.`;
+    if (!(await confirmDeletion({ one: "study", name, also }))) return;
     page.pause();
     try {
       await send("DELETE", path);

@@ -251,6 +251,12 @@ export class StudyTable {
       ),
       !found.length && h("li", {}, "The jobs of this point were deleted."),
     );
+    // The first seeds that were packed, as many as are compared.
+    const packed = found.filter((job) => job.state === "succeeded").slice(0, 4);
+    if (packed.length < 2) return;
+    const seeds = packed.map((job) => job.id).join(",");
+    const words = packed.length < found.length ? `Compare ${packed.length} of them` : "Compare them";
+    dialog.lastElementChild?.prepend(h("a", { class: "button", href: absolute(`/compare?jobs=${seeds}`) }, words));
   }
 }
 

@@ -88,6 +88,7 @@ test("Retry is offered where a second run can succeed, and changes where it cann
   await page.goto(`${server.url}/jobs/${failed.id}`);
   await page.waitForSelector("#result .notice a.button");
   assert.equal(await page.locator("[data-action=Retry]").count(), 0);
+  assert.match((await page.textContent("[data-action=Change]")) ?? "", /^Try: /);
   await accessible();
   await page.click("#result a.button:has-text('Grow the grains')");
   await page.waitForURL(/\/#/);
@@ -138,6 +139,7 @@ test("the file of a partial packing says so", inBrowser, async () => {
     await page.waitForSelector("#title .badge[data-state=partial]");
     assert.match((await page.textContent("#result")) ?? "", /Partial packing: the run ended at its limit of events/);
     await page.waitForSelector("canvas[data-drawn]");
+    await page.click("text=Picture as PNG");
     const [picture] = await Promise.all([page.waitForEvent("download"), page.click("text=Save picture")]);
     assert.equal(picture.suggestedFilename(), "packing-3-partial.png");
     await accessible();

@@ -37,6 +37,18 @@ describe("page of a job", inBrowser, () => {
   const jobOf = async (id) => (await server.ask(`/v1/jobs/${id}`)).json();
 
   /**
+   * Chooses a file of a program.
+   * @param {import("playwright-core").Page} page
+   * @param {string} program
+   * @param {string} file
+   */
+  async function choose(page, program, file) {
+    await page.click("#tab-files");
+    await page.locator("#exports-title + * label", { hasText: program }).click();
+    await page.selectOption("#export-kind", file);
+  }
+
+  /**
    * Presses Tab until something has the focus.
    * @param {import("playwright-core").Page} page
    * @param {string} selector
@@ -63,6 +75,11 @@ describe("page of a job", inBrowser, () => {
       ])) {
         const opened = await open(job, { scheme, width });
         await opened.page.waitForSelector(selector);
+        for (const tab of job === done ? ["plots", "files", "models", "request", "slices"] : []) {
+          await opened.page.click(`#tab-${tab}`);
+          await opened.page.waitForSelector(`#panel-${tab} section`);
+          await opened.accessible();
+        }
         await opened.page.waitForFunction(() => [...document.images].every((i) => i.loading === "lazy" || i.complete));
         await opened.accessible();
         opened.clean();
@@ -99,7 +116,7 @@ describe("page of a job", inBrowser, () => {
     await tabTo(page, "canvas");
     const words = page.locator("#view-words");
     const start = await words.textContent();
-    assert.match(start ?? "", /^All \d+ grains of .* not cut/);
+    assert.match(start ?? "", /^All \d+ grains of .* in the matrix, without the octant of x above 20\s?mm/);
     await page.keyboard.press("ArrowLeft");
     await page.waitForFunction((old) => document.querySelector("#view-words")?.textContent !== old, start);
     await page.keyboard.press("c");
@@ -120,6 +137,13 @@ describe("page of a job", inBrowser, () => {
     const before = await slice.getAttribute("src");
     await page.keyboard.press("ArrowRight");
     await page.waitForFunction((old) => document.querySelector(".slice img")?.getAttribute("src") !== old, before);
+    await page.focus("#tab-slices");
+    await page.keyboard.press("ArrowRight");
+    await page.keyboard.press("ArrowRight");
+    assert.ok(page.url().endsWith("#files"));
+    await page.waitForSelector("#export-kind option", { state: "attached" });
+    await tabTo(page, "#exports-title + * input");
+    await page.keyboard.press("ArrowLeft");
     await tabTo(page, ".links a[href$='format=npy']");
     const [download] = await Promise.all([page.waitForEvent("download"), page.keyboard.press("Enter")]);
     const path = new URL(page.url()).pathname;
@@ -133,12 +157,12 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack(SMALL);
     const opened = await open(job);
     const { page } = opened;
-    await page.selectOption("#export-kind", "voxels vti");
+    await choose(page, "ParaView", "voxels vti");
     await page.locator("details summary", { hasText: "Options" }).click();
     await page.fill("#option-cells", "20");
     await page.waitForFunction(() => /^About .*\skB/.test(document.querySelector(".estimate")?.textContent ?? ""));
     await page.getByRole("button", { name: "Make the file" }).click();
-    const row = page.locator(".table tr", { hasText: "Voxel model" });
+    const row = page.locator(".files li", { hasText: "ParaView: Voxels" });
     await row.locator(".badge[data-state=succeeded]").waitFor();
     const kept = (await jobOf(job.id)).exports;
     assert.deepEqual(
@@ -149,12 +173,13 @@ describe("page of a job", inBrowser, () => {
       page.waitForEvent("download"),
       row.getByRole("link", { name: "Download" }).click(),
     ]);
-    assert.match(download.suggestedFilename(), /\.vti$/);
+    assert.equal(download.suggestedFilename(), "small-seed1.cells-20.vti");
+    assert.match((await row.textContent()) ?? "", /voxels20 × 20 × 20.*volume fraction of the labels/);
     await row.getByRole("button", { name: "Delete" }).click();
     await page.getByRole("dialog").getByRole("button", { name: "Delete file" }).click();
     await row.waitFor({ state: "detached" });
     assert.deepEqual((await jobOf(job.id)).exports, []);
-    await page.selectOption("#export-kind", "mesh msh");
+    await choose(page, "Gmsh", "mesh msh");
     await page.fill("#option-segments", "3");
     await page.waitForFunction(() => /6/.test(document.querySelector("#option-segments-fault")?.textContent ?? ""));
     await opened.close();
@@ -164,16 +189,7 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack(SMALL);
     const opened = await open(job);
     const { page } = opened;
-    const offered = () => page.$$eval("#option-for option", (all) => all.map((one) => /** @type {any} */ (one).value));
-    for (const [format, programs] of /** @type {[string, string[]][]} */ ([
-      ["vti", ["", "damask"]],
-      ["npy", ["", "automesh"]],
-      ["vtk", ["amitex"]],
-      ["zip", ["fans"]],
-    ])) {
-      await page.selectOption("#export-kind", `voxels ${format}`);
-      assert.deepEqual(await offered(), programs, format);
-    }
+    await choose(page, "FFT", "voxels zip fans");
     await page.locator("details summary", { hasText: "Options" }).click();
     await page.fill("#option-cells", "12");
     await page.fill("#option-materials", "{");
@@ -183,15 +199,139 @@ describe("page of a job", inBrowser, () => {
     await page.fill("#option-materials", JSON.stringify(materials));
     await page.waitForFunction(() => !document.getElementById("option-materials-fault")?.textContent);
     await page.getByRole("button", { name: "Make the file" }).click();
-    const row = page.locator(".table tr", { hasText: "Voxel model: zip" });
+    const row = page.locator(".files li", { hasText: "FANS" });
     await row.locator(".badge[data-state=succeeded]").waitFor();
     const [made] = (await (await server.ask(`/v1/jobs/${job.id}/exports`)).json()).items;
     assert.deepEqual([made.options.for, made.options.materials], ["fans", materials]);
-    await page.selectOption("#export-kind", "voxels vtk");
+    await choose(page, "FFT", "voxels vtk amitex");
     await page.fill("#option-cells", "12");
     await page.getByRole("button", { name: "Make the file" }).click();
-    const amitex = page.locator(".table tr", { hasText: "Voxel model: VTK" });
+    const amitex = page.locator(".files li", { hasText: "AMITEX" });
     await amitex.locator(".badge[data-state=succeeded]").waitFor();
+    await opened.close();
+  });
+
+  test("files stand by program, and surfaces say what a solid mesh is", inBrowser, async () => {
+    const job = await server.pack({ ...SMALL, name: undefined });
+    const opened = await open(job);
+    const { page } = opened;
+    await page.click("#tab-files");
+    await page.waitForSelector("#export-kind option", { state: "attached" });
+    const programs = await page.locator("#exports-title + * label").allInnerTexts();
+    assert.deepEqual(programs, ["Abaqus and CalculiX", "Gmsh", "ParaView", "Chrono", "FFT", "CAD", "Tables"]);
+    await choose(page, "CAD", "mesh stl");
+    await page.click(".note button");
+    assert.equal(await page.inputValue("#export-kind"), "mesh msh tetrahedra");
+    assert.ok(await page.locator("[name=program][value=Gmsh]").isChecked());
+    await page.waitForFunction(() => /tetrahedra/.test(document.querySelector(".estimate")?.textContent ?? ""));
+    await choose(page, "Gmsh", "mesh msh");
+    await page.getByRole("button", { name: "Make the file" }).click();
+    const row = page.locator(".files li", { hasText: "Gmsh: Surface mesh" });
+    await row.locator(".badge[data-state=succeeded]").waitFor();
+    assert.match((await row.textContent()) ?? "", /Surfaces alone.*gmsh -3/);
+    assert.match((await row.locator(".quality").textContent()) ?? "", /triangles\d.*edges.*mm.*error of the grains/s);
+    const [download] = await Promise.all([
+      page.waitForEvent("download"),
+      row.getByRole("link", { name: "Download" }).click(),
+    ]);
+    assert.equal(download.suggestedFilename(), "A16-50pct-cube-40mm-seed1.msh");
+    // The program that was chosen last is there again.
+    await page.reload();
+    await page.waitForSelector("#export-kind option", { state: "attached" });
+    assert.ok(await page.locator("[name=program][value=Gmsh]").isChecked());
+    opened.clean();
+    await opened.close();
+  });
+
+  test("a click tells of a grain; views, matrix and an oblique plane are chosen", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const opened = await open(job);
+    const { page } = opened;
+    await page.waitForSelector("canvas[data-drawn]");
+    // The viewer is above the fold.
+    const box = await page.locator("canvas").boundingBox();
+    assert.ok(box && box.y + box.height < 900, JSON.stringify(box));
+    await page.focus("canvas");
+    for (let i = 0; i < 3; i++) await page.keyboard.press("+");
+    await page.uncheck("#show-matrix");
+    await page.focus("canvas");
+    await page.keyboard.press("Enter");
+    const card = page.locator(".grain");
+    await card.waitFor();
+    const words = (await card.textContent()) ?? "";
+    const [, number, diameter, ...centre] =
+      /Grain(\d+) of \d+.*Diameter([\d.]+)\smmSize class.*Centre([\d.]+), ([\d.]+), ([\d.]+)\smm/s.exec(words) ?? [];
+    const rows = (await (await server.ask(`/v1/jobs/${job.id}/result?format=csv`)).text()).trim().split("\n");
+    const row = (rows[Number(number)] ?? "").split(",").map(Number);
+    const near = row.some((value) => Math.abs(value - Number(diameter)) < 0.01);
+    assert.ok(
+      near && centre.every((at) => row.some((value) => Math.abs(value - Number(at)) < 0.01)),
+      `${words} ${row}`,
+    );
+    await opened.accessible();
+    await card.getByRole("button", { name: "Close" }).click();
+    assert.equal(await card.isVisible(), false);
+    // At a corner there is no grain.
+    await page.mouse.click((box?.x ?? 0) + 5, (box?.y ?? 0) + (box?.height ?? 0) - 150);
+    await page.getByRole("button", { name: "Look along z" }).click();
+    await page.waitForFunction(() => /90° above/.test(document.querySelector("#view-words")?.textContent ?? ""));
+    await page.click("text=Oblique plane");
+    await page.check("#plane-on");
+    await page.waitForFunction(() => /oblique plane/.test(document.querySelector("#view-words")?.textContent ?? ""));
+    await page.getByRole("button", { name: "Reset view" }).click();
+    await page.waitForFunction(() => /in the matrix/.test(document.querySelector("#view-words")?.textContent ?? ""));
+    assert.equal(await page.isChecked("#plane-on"), false);
+    await page.getByRole("button", { name: "Full screen" }).click();
+    await page.waitForFunction(() => document.fullscreenElement?.classList.contains("viewer"));
+    await page.getByRole("button", { name: "Leave full screen" }).click();
+    await page.waitForFunction(() => !document.fullscreenElement);
+    assert.equal(await page.locator(".over text", { hasText: /^\d+\smm$/ }).count(), 1);
+    opened.clean();
+    await opened.close();
+  });
+
+  test("ticks of the legend keep apart", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const opened = await open(job);
+    await opened.page.waitForSelector("canvas[data-drawn]");
+    const close = await opened.page.evaluate(async () => {
+      const { legend } = await import(/** @type {any} */ ("/assets/job-legend.js"));
+      const place = /** @type {HTMLElement} */ (document.querySelector(".legend"));
+      const found = [];
+      for (const dmin of [0.063, 0.9, 2, 3.84, 10, 15.9])
+        for (const dmax of [1, 4.1, 16, 17.3, 25.9, 31.5, 130].filter((d) => d > dmin)) {
+          place.replaceChildren(...legend({ classes: [] }, "size", { dmin, dmax }, "diameter"));
+          const boxes = [...place.querySelectorAll(".ticks span")].map((one) => one.getBoundingClientRect());
+          if (boxes.some((box, i) => i > 0 && box.left < (boxes[i - 1]?.right ?? 0) + 2)) found.push([dmin, dmax]);
+        }
+      return found;
+    });
+    assert.deepEqual(close, []);
+    await opened.close();
+  });
+
+  test("a slice goes in steps of 0.1 mm and cuts the picture at the same place", inBrowser, async () => {
+    const job = await server.pack(SMALL);
+    const opened = await open(job);
+    const { page } = opened;
+    await page.waitForSelector("canvas[data-drawn]");
+    assert.equal(await page.getAttribute("#slice-at", "step"), "0.1");
+    await page.focus("#slice-at");
+    await page.keyboard.press("ArrowRight");
+    assert.equal(await page.inputValue("#slice-mm"), "20.1");
+    await page.waitForFunction(() => /z below 20\.1/.test(document.querySelector("#view-words")?.textContent ?? ""));
+    await page.fill("#slice-mm", "12,5");
+    await page.waitForFunction(() => /z below 12\.5/.test(document.querySelector("#view-words")?.textContent ?? ""));
+    // And the other way round.
+    await page.focus("canvas");
+    await page.keyboard.press("c");
+    await page.keyboard.press("c");
+    await page.waitForFunction(() => /x = 20/.test(document.querySelector(".slice img")?.getAttribute("alt") ?? ""));
+    await page.click("#tab-plots");
+    // The plot is of the whole aggregate, and so are its values.
+    const row = page.locator("[aria-label='Values of the plot'] tr", { hasText: /^4/ });
+    assert.match((await row.textContent()) ?? "", /^4\smm36\.0\s%3[56]\.\d\s%$/);
+    opened.clean();
     await opened.close();
   });
 
@@ -200,6 +340,7 @@ describe("page of a job", inBrowser, () => {
     const opened = await open(job);
     const { page } = opened;
     await page.waitForSelector("canvas[data-drawn]");
+    await page.click("text=Picture as PNG");
     await page.selectOption("#png-width", "3200");
     await page.selectOption("#png-ground", "");
     const [download] = await Promise.all([
@@ -225,7 +366,12 @@ describe("page of a job", inBrowser, () => {
       const first = await page.locator(".growth figcaption").textContent();
       await page.waitForFunction((old) => document.querySelector(".growth figcaption")?.textContent !== old, first);
       await page.waitForFunction(() => /^\d+ % done$/.test(document.querySelector("#announce")?.textContent ?? ""));
+      // The run has a valid packing, which only gets better: what becomes of it is asked.
       await page.getByRole("button", { name: "Cancel" }).click();
+      await page.getByRole("button", { name: "Go on" }).click();
+      assert.equal((await jobOf(job.id)).state, "running");
+      await page.getByRole("button", { name: "Cancel" }).click();
+      await page.getByRole("button", { name: "Cancel and drop" }).click();
       await page.waitForSelector(".badge[data-state=cancelled]");
       assert.equal((await jobOf(job.id)).state, "cancelled");
       await page.getByRole("button", { name: "Retry" }).click();
@@ -238,11 +384,15 @@ describe("page of a job", inBrowser, () => {
         await route.fulfill({ response });
       });
       const answered = page.waitForResponse("**/cancel");
+      await page.waitForSelector(".growth svg path");
       await page.getByRole("button", { name: "Cancel" }).click();
+      await page.getByRole("button", { name: "Cancel and drop" }).click();
       await (await answered).finished();
       await page.waitForSelector(".badge[data-state=cancelled]");
       await page.getByRole("button", { name: "Delete" }).click();
+      await page.getByRole("dialog").waitFor();
       await page.keyboard.press("Escape");
+      await page.getByRole("dialog").waitFor({ state: "detached" });
       assert.equal((await jobOf(job.id)).state, "cancelled");
       await page.getByRole("button", { name: "Delete" }).click();
       await page.getByRole("button", { name: "Delete job" }).click();
@@ -257,10 +407,11 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack({ ...SMALL, name: 'it\'s "quoted" `$HOME`' });
     const opened = await open(job);
     const { page } = opened;
-    const pre = page.locator("#request pre");
+    await page.click("#tab-request");
+    const pre = page.locator("#panel-request pre");
     const request = await (await server.ask(`/v1/jobs/${job.id}/request`)).json();
     assert.deepEqual(JSON.parse((await pre.textContent()) ?? ""), request);
-    await page.locator("#request label", { hasText: "curl" }).click();
+    await page.locator("#panel-request label", { hasText: "curl" }).click();
     const answer = JSON.parse(execFileSync("sh", ["-c", (await pre.textContent()) ?? ""], { encoding: "utf8" }));
     assert.equal(answer.name, 'it\'s "quoted" `$HOME`');
     assert.equal(answer.seed, job.seed);
@@ -302,6 +453,7 @@ describe("page of a job", inBrowser, () => {
   test("the page computes the stiffness, and makes a model for CalculiX", inBrowser, async () => {
     const job = await server.pack(SMALL);
     const { page, clean, accessible, close } = await open(job);
+    await page.click("#tab-models");
     await page.fill("#material-matrix-0", "20");
     await page.click("button:text-is('Stiffness')");
     const young = await page.textContent('[data-of=stiffness] div:has(dt:text-is("Young\'s modulus")) dd');
@@ -309,8 +461,10 @@ describe("page of a job", inBrowser, () => {
     assert.ok(value > 20 && value < 70, young ?? "");
     await accessible();
     // The materials of the file stand in its row, which fits.
-    await page.locator("td", { hasText: "materials (" }).filter({ hasText: "youngs_modulus_gpa 20" }).waitFor();
+    await page.click("#tab-files");
+    await page.locator(".files li", { hasText: "materials (" }).filter({ hasText: "youngs_modulus_gpa 20" }).waitFor();
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth - innerWidth), 0);
+    await page.click("#tab-models");
     await page.click("button:has-text('Model for CalculiX')");
     const [model] = await Promise.all([page.waitForEvent("download"), page.click("text=Download the model")]);
     assert.match(model.suggestedFilename(), /deck.*\.zip$/);

@@ -104,12 +104,17 @@ test("a job is seen as it comes, runs, is cancelled, retried, and deleted after 
   const state = (wanted) => page.waitForSelector(`#jobs [data-state=${wanted}]`);
   await state("running");
   await page.waitForSelector("#jobs progress");
-  await page.click("[data-do=cancel]");
+  // Whether the packing that is there is kept is asked once there is one.
+  const cancel = async () => {
+    await page.click("[data-do=cancel]");
+    if (await page.locator("dialog[open]").count()) await page.click("dialog .danger");
+  };
+  await cancel();
   await state("cancelled");
   await page.focus("[data-do=retry]");
   await page.keyboard.press("Enter");
   await page.waitForSelector("#jobs :is([data-state=queued], [data-state=running])");
-  await page.click("[data-do=cancel]");
+  await cancel();
   await state("cancelled");
   await page.click("[data-do=delete]");
   await page.waitForSelector("dialog[open]");
@@ -120,6 +125,60 @@ test("a job is seen as it comes, runs, is cancelled, retried, and deleted after 
   await page.waitForSelector("#empty:not([hidden])");
   const gone = await fetch(`${server.url}/v1/jobs/${job.id}`);
   assert.equal(gone.status, 404);
+  clean();
+  await close();
+});
+
+test("jobs are called by their mix, found in any case, and have labels, totals and an expiry", inBrowser, async () => {
+  const labels = { series: "overview" };
+  await server.pack({ ...SMALL, name: undefined, labels, expires_at: "2999-01-02T00:00:00Z" });
+  const rock = { ...SMALL.mix, volume_fraction: 0.3, shape: { type: "polyhedron" } };
+  const gap = { type: "constant", gap_mm: 0.2 };
+  await server.pack({ ...SMALL, name: "Gebrochenes Gestein", labels, mix: rock, distance: gap });
+  const { page, clean, accessible, close } = await openPage(browser, `${server.url}/jobs?label=series%3Doverview`);
+  await page.waitForFunction(() => document.querySelectorAll("#jobs tr").length === 2);
+  const cells = (/** @type {string | RegExp} */ has) =>
+    page.locator("#jobs tr", { hasText: has }).locator("td.wide").allInnerTexts();
+  const plain = await cells(/A16, 50\s%, cube 40\smm/);
+  assert.deepEqual(plain.slice(0, 5), ["A16", "cube 40\u202fmm", "50\u202f%", "spheres", "none"]);
+  assert.match(plain[6] ?? "", /^\d{4}-\d\d-\d\d \d\d:\d\d\ntook .*\nexpires 2999-01-0/s);
+  assert.deepEqual((await cells("Gebrochenes Gestein")).slice(0, 5), [
+    "A16",
+    "cube 40\u202fmm",
+    "30\u202f%",
+    "angular",
+    "0.2\u202fmm",
+  ]);
+  assert.match(await page.innerText("#totals"), /^2 jobs, results of \d+.*kB$/);
+  assert.equal(await page.locator(".tag", { hasText: "series = overview" }).count(), 2);
+  await page.fill("#name", "GESTEIN");
+  await page.waitForFunction(() => document.querySelectorAll("#jobs tr").length === 1);
+  await page.waitForFunction(() => /^1 job,/.test(document.getElementById("totals")?.textContent ?? ""));
+  await accessible();
+  clean();
+  await close();
+});
+
+test("chosen jobs are cancelled and deleted together, with their number and size", inBrowser, async () => {
+  for (const seed of [1, 2]) await server.pack({ ...SMALL, name: "bulk", seed });
+  const open = await server.submit({ ...LONG, name: "bulk" });
+  const { page, clean, accessible, close } = await openPage(browser, `${server.url}/jobs?name=bulk`);
+  await page.waitForFunction(() => document.querySelectorAll("#jobs tr").length === 3);
+  await page.focus("#all");
+  await page.keyboard.press("Space");
+  assert.match(await page.innerText("#chosen"), /3 chosen.*Cancel 1.*Delete 2/s);
+  await accessible();
+  await page.click("[data-bulk=cancel]");
+  if (await page.locator("dialog[open]").count()) await page.click("dialog .danger");
+  await page.waitForSelector("#jobs [data-state=cancelled]");
+  assert.equal((await (await server.ask(`/v1/jobs/${open.id}`)).json()).state, "cancelled");
+  await page.check("#all");
+  await page.click("[data-bulk=delete]");
+  assert.equal(await page.textContent("dialog h2"), "Delete 3 jobs?");
+  assert.match((await page.textContent("dialog p")) ?? "", /\d\skB become free\. This cannot be undone\.$/);
+  await page.click("dialog .danger");
+  await page.waitForSelector("#empty:not([hidden])");
+  assert.equal((await (await server.ask("/v1/jobs?name=bulk")).json()).items.length, 0);
   clean();
   await close();
 });

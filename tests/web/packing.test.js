@@ -37,6 +37,7 @@ for (const [kind, mix] of /** @type {[string, any][]} */ ([
         await page.keyboard.press("c");
         await page.locator("#view-words", { hasText: /cut: x below 20\smm/ }).waitFor();
         assert.match((await page.textContent("pre")) ?? "", /"volume_fraction": 0\.[35]/);
+        await page.click("text=Picture as PNG");
         const [picture] = await Promise.all([page.waitForEvent("download"), page.click("text=Save picture")]);
         assert.match(picture.suggestedFilename(), /^packing-.*\.png$/);
         await accessible();

@@ -27,6 +27,7 @@ test("finished jobs of a list are deleted together, after their number was shown
   await page.goto(`${server.url}/jobs?label=series%3Da&state=succeeded`);
   await page.click("[data-do=delete-all]");
   assert.equal(await page.textContent("dialog h2"), "Delete 2 finished jobs?");
+  assert.match((await page.textContent("dialog p")) ?? "", /\d+\skB become free\. This cannot be undone\.$/);
   await accessible();
   await page.click("dialog .danger");
   await page.waitForSelector("#empty:not([hidden])");

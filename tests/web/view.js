@@ -156,8 +156,10 @@ export const hitsOfBodies = (bodies) =>
  * @param {number[]} cut mm in x, y, z
  * @param {number} width
  * @param {number} height
+ * @param {{octant?: boolean, plane?: number[]}} [more] octant: what lies beyond all three cuts is removed; plane: normal
+ *   and distance, beyond which all is
  */
-export function expected(size, hits, { az, el, zoom, pan }, cut, width, height) {
+export function expected(size, hits, { az, el, zoom, pan }, cut, width, height, { octant = false, plane } = {}) {
   const distance = Math.hypot(...size) / 2 / Math.sin(0.3);
   const away = [Math.cos(el) * Math.cos(az), Math.cos(el) * Math.sin(az), Math.sin(el)];
   const right = [-Math.sin(az), Math.cos(az), 0];
@@ -173,9 +175,19 @@ export function expected(size, hits, { az, el, zoom, pan }, cut, width, height) 
       const norm = Math.hypot(...dir);
       dir = dir.map((d) => d / norm);
       let [low, high] = [0, Infinity];
+      // Where the ray is in the octant, of which all three coordinates are beyond the cuts.
+      let [inside, outside] = [-Infinity, Infinity];
       for (let i = 0; i < 3; i++) {
         const meets = (cut[i] - eye[i]) / dir[i];
-        if (dir[i] < 0) low = Math.max(low, meets);
+        if (octant && dir[i] < 0) outside = Math.min(outside, meets);
+        else if (octant) inside = Math.max(inside, meets);
+        else if (dir[i] < 0) low = Math.max(low, meets);
+        else high = Math.min(high, meets);
+      }
+      if (plane) {
+        const along = (/** @type {number[]} */ v) => plane[0] * v[0] + plane[1] * v[1] + plane[2] * v[2];
+        const meets = (plane[3] - along(eye)) / along(dir);
+        if (along(dir) < 0) low = Math.max(low, meets);
         else high = Math.min(high, meets);
       }
       let nearest = Infinity;
@@ -183,10 +195,11 @@ export function expected(size, hits, { az, el, zoom, pan }, cut, width, height) 
         const met = hit(eye, dir);
         if (!met) continue;
         const [enter, leave] = met;
-        const from = Math.max(enter, low);
+        let from = Math.max(enter, low);
+        if (octant && from >= inside && from < outside) from = outside;
         if (from > Math.min(leave, high) || from >= nearest) continue;
         nearest = from;
-        out[y * width + x] = low > enter ? 101 + s : 1 + s;
+        out[y * width + x] = from > enter ? 101 + s : 1 + s;
       }
     }
   }

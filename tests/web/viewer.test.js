@@ -178,6 +178,82 @@ describe("viewer", inBrowser, () => {
     await opened.close();
   });
 
+  test("an octant and what lies beyond an oblique plane are removed", inBrowser, async () => {
+    const opened = await show(sphereFile(SIZE, SPHERES), { width: 400, height: 400 });
+    const pose = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
+    const n = turn([0.7, 0.5, -0.4]);
+    for (const [cut, octant, plane] of /** @type {[number[], boolean, number[] | null][]} */ ([
+      [[20, 17, 19], true, null],
+      [[FAR, FAR, FAR], false, [...n, 14]],
+      [[20, 17, 19], true, [...n, 18]],
+    ])) {
+      const set = { cut, octant, plane, colour: "class", classes: CLASSES };
+      const picture = await seen(opened.page, { pose, set });
+      const wanted = expected(SIZE, hitsOfSpheres(SPHERES), pose, cut, 400, 400, { octant, plane: plane ?? undefined });
+      // The three faces of an octant differ in their light.
+      alike(
+        { ...picture, out: picture.out.map((w) => w % 100) },
+        wanted.map((w) => w % 100),
+      );
+      assert.ok(wanted.some((w) => w > 100));
+    }
+    await opened.close();
+  });
+
+  test(
+    "the matrix hides what is in it and shows the sections; a grain is picked where it is seen",
+    inBrowser,
+    async () => {
+      for (const [name, file] of /** @type {[string, Buffer][]} */ ([
+        ["spheres", sphereFile(SIZE, SPHERES)],
+        ["bodies", bodyFile(SIZE, BODIES)],
+      ])) {
+        const opened = await show(file, { width: 400, height: 400 });
+        const pose = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };
+        const hits = name === "spheres" ? hitsOfSpheres(SPHERES) : hitsOfBodies(BODIES);
+        const cut = [20, 17, 19];
+        const wanted = expected(SIZE, hits, pose, cut, 400, 400, { octant: true });
+        const picked = await opened.page.evaluate(
+          async ({ pose, cut }) => {
+            const { viewer, rest } = /** @type {any} */ (window);
+            const done = rest();
+            viewer.set({ pose, cut, octant: true, matrix: true });
+            await done;
+            const found = [];
+            for (let y = 4; y < 400; y += 12)
+              for (let x = 4; x < 400; x += 12) found.push([x, y, (await viewer.grainAt(x, y))?.index ?? -1]);
+            return found;
+          },
+          { pose, cut },
+        );
+        let seenGrains = 0;
+        for (const [x = 0, y = 0, index = -1] of picked) {
+          const around = [-1, 0, 1].flatMap((j) => [-1, 0, 1].map((i) => wanted[(y + j) * 400 + x + i] ?? 0));
+          // In the matrix only the sections are seen.
+          const shown = around.map((w) => (w > 100 ? w - 101 : -1));
+          assert.ok(shown.includes(index), `${name}: at ${x}, ${y} grain ${index}, not ${shown}`);
+          if (index >= 0) seenGrains++;
+        }
+        assert.ok(seenGrains > 10, `${seenGrains} grains were picked`);
+        const facts = await opened.page.evaluate(async () => {
+          const { viewer } = /** @type {any} */ (window);
+          const done = /** @type {any} */ (window).rest();
+          viewer.set({ cut: [1e9, 1e9, 1e9], octant: false, matrix: false });
+          await done;
+          return viewer.grainAt(200, 200);
+        });
+        const [x = 0, y = 0, z = 0, size = 0] = name === "spheres" ? SPHERES : [...BODIES[0].at, BODIES[0].size];
+        assert.equal(facts.index, 0);
+        for (const [value, due] of [
+          ...facts.at.map((/** @type {number} */ v, /** @type {number} */ i) => [v, [x, y, z][i]]),
+          [facts.size, size],
+        ])
+          assert.ok(Math.abs(value - due) < 0.01, `${value} ${due}`);
+        await opened.close();
+      }
+    },
+  );
+
   test("sizes that are hidden are not drawn, and are counted", inBrowser, async () => {
     const opened = await show(sphereFile(SIZE, SPHERES), { width: 300, height: 300 });
     const pose = { az: 0.6, el: 0.4, zoom: 1, pan: [0, 0] };

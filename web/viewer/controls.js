@@ -1,5 +1,5 @@
 // Mouse, touch, wheel and keys of the viewer. One finger or the left button turns, two fingers zoom and move, the right
-// button or Shift moves.
+// button or Shift moves. A click, or Enter for the middle, asks for a grain.
 // @ts-check
 
 /** @param {import("./viewer.js").Viewer} viewer */
@@ -13,15 +13,24 @@ export function controls(viewer) {
     const box = canvas.getBoundingClientRect();
     return [(x - box.left - box.width / 2) / half(), (box.top + box.height / 2 - y) / half()];
   };
+  /** Where the pointer went down, while it has hardly moved. @type {number[] | undefined} */
+  let pressed;
   canvas.onpointerdown = (e) => {
+    pressed = down.size || e.button ? undefined : [e.clientX, e.clientY];
     down.set(e.pointerId, [e.clientX, e.clientY]);
     canvas.setPointerCapture(e.pointerId);
+  };
+  canvas.onpointerup = (e) => {
+    if (!pressed) return;
+    const box = canvas.getBoundingClientRect();
+    viewer.dispatchEvent(new CustomEvent("pick", { detail: [e.clientX - box.left, e.clientY - box.top] }));
   };
   canvas.onlostpointercapture = (e) => down.delete(e.pointerId);
   canvas.onpointermove = (e) => {
     const was = down.get(e.pointerId);
     if (!was) return;
     const now = [e.clientX, e.clientY];
+    if (pressed && Math.hypot(now[0] - pressed[0], now[1] - pressed[1]) > 4) pressed = undefined;
     const [dx, dy] = [0, 1].map((i) => (now[i] - was[i]) / half());
     const other = [...down].find(([id]) => id !== e.pointerId)?.[1];
     down.set(e.pointerId, now);
@@ -47,6 +56,10 @@ export function controls(viewer) {
     else if (e.key === "-") viewer.magnify(1 / 1.2);
     else if (e.key === "Home") viewer.reset();
     else if (e.key.toLowerCase() === "c") viewer.cycleCut();
+    else if (e.key === "Enter")
+      viewer.dispatchEvent(
+        new CustomEvent("pick", { detail: [canvas.clientWidth, canvas.clientHeight].map((l) => l / 2) }),
+      );
     else return;
     e.preventDefault();
   };

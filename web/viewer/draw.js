@@ -3,13 +3,18 @@
 // Each grain is a square on the screen. The fragment shader meets the ray through its pixel with the body, writes its
 // depth, and draws the section where a cut goes through. What it knows by itself are spheres; `bodies.js` has the rest.
 // @ts-check
+import { matrixFragment, matrixVertex, MORTAR } from "./matrix.js";
 
 /** @typedef {import("./read.js").Head} Head */
 /** @typedef {import("./camera.js").Camera} Camera */
 /**
  * How grains are drawn, beside the camera. The shaders know each by its name.
  * @typedef {object} Style
- * @property {number[]} cut in x, y, z, mm: what lies beyond is not drawn
+ * @property {number[]} cut in x, y, z, mm: what lies beyond any of them is not drawn
+ * @property {number[]} octant 1: what lies beyond all three is not drawn
+ * @property {number[]} plane normal and distance in mm: what lies beyond is not drawn
+ * @property {number[]} matrix 1: drawn, with the faces of the specimen
+ * @property {number[]} [pick] 1: colours are the numbers of the grains
  * @property {number[]} lod polyhedra smaller than this are drawn as spheres of about their volume, pixels
  * @property {number[]} mode 0: by size; 1: by class; 2: by aggregate
  * @property {number[]} steps 16 colours: red, green, blue from 0 to 1, and the least size of the next class, mm
@@ -40,13 +45,35 @@ const SPHERES = {
 const HEAD = `#version 300 es
 precision highp float; precision highp int;
 uniform vec4 ink, steps[16]; uniform vec3 eye, right, up, ahead, size, cut; uniform vec2 f, o, view, margin, zk;
-uniform float lod, mode, dmin, dmax;
+uniform float lod, mode, dmin, dmax, octant; uniform vec4 plane;
+`;
+
+/** The part of a ray, and the light on a cut where it begins, that is kept of an interval. */
+const KEPT = `
+vec3 kept(vec3 dir, float a, float b) {
+  float lit = 1.;
+  float down = dot(plane.xyz, dir), on = (plane.w - dot(plane.xyz, eye)) / down;
+  if (down < 0.) a = max(a, on); else if (down > 0.) b = min(b, on);
+  vec3 meet = (cut - eye) / dir;
+  bvec3 inwards = lessThan(dir, vec3(0.));
+  if (octant > 0.) {
+    vec3 enter = mix(meet, vec3(-1e9), inwards), leave = mix(vec3(1e9), meet, inwards);
+    float to = min(leave.x, min(leave.y, leave.z));
+    if (a < to && a >= max(enter.x, max(enter.y, enter.z))) {
+      a = to;
+      lit = to == leave.x ? .93 : to == leave.y ? .85 : 1.;
+    }
+  } else {
+    vec3 enter = mix(vec3(a), meet, inwards), leave = mix(meet, vec3(b), inwards);
+    a = max(max(a, enter.x), max(enter.y, enter.z)); b = min(min(b, leave.x), min(leave.y, leave.z));
+  } return vec3(a, b, lit);
+}
 `;
 
 const grainVertex = (/** @type {Kind} */ kind) => `${HEAD}
 layout(location=0) in vec4 q; layout(location=3) in float quad;
 ${kind.inputs}
-flat out vec3 c, rgb; flat out float r;
+flat out vec3 c, rgb; flat out float r, number; uniform float start;
 void main() {
   float d = q.w * dmax; r = .5 * d; c = q.xyz * size;
   vec3 e = c - eye; float z = dot(e, ahead), i = 0.;
@@ -59,29 +86,29 @@ void main() {
   if (r > 0.) s = 1.1 * pixels * inversesqrt(1. - r * r / dot(e, e)) + 1.;
   vec2 at = f * vec2(dot(e, right), dot(e, up)) / z + o;
   at += quad * s / view * (vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2. - 1.);
-  if (any(greaterThan(c - r, cut))) at = vec2(1e3);
+  bvec3 beyond = greaterThan(c - r, cut);
+  if ((octant > 0. ? all(beyond) : any(beyond)) || dot(plane.xyz, c) - r > plane.w) at = vec2(1e3);
+  number = start + float(quad > 0. ? gl_InstanceID : gl_VertexID);
   gl_PointSize = s;
   gl_Position = vec4(at * margin, 0., 1.);
 }`;
 
-const grainFragment = (/** @type {Kind} */ kind) => `${HEAD}
+const grainFragment = (/** @type {Kind} */ kind) => `${HEAD}${KEPT}
 ${kind.passed}
-flat in vec3 c, rgb; flat in float r; out vec4 color;
+flat in vec3 c, rgb; flat in float r, number; uniform float pick; out vec4 color;
 void main() {
   vec2 k = (gl_FragCoord.xy / view * 2. - 1. - o) / f;
   vec3 dir = normalize(ahead + k.x * right + k.y * up), m = eye - c, n;
   float light = .68, depth = -dot(m, ahead), a, b;
   if (r > 0.) {
     ${kind.meet}
-    vec3 meet = (cut - eye) / dir;
-    bvec3 inwards = lessThan(dir, vec3(0.));
-    vec3 enter = mix(vec3(a), meet, inwards), leave = mix(meet, vec3(b), inwards);
-    float first = max(max(a, enter.x), max(enter.y, enter.z));
-    if (first > min(min(b, leave.x), min(leave.y, leave.z))) discard;
-    light = first > a ? 1. : .34 + .56 * max(dot(n, normalize(-ahead + .5 * up - .35 * right)), 0.) + .1 * n.z;
-    depth = first * dot(dir, ahead);
+    vec3 part = kept(dir, a, b);
+    if (part.x > part.y) discard;
+    light = part.x > a ? part.z : .34 + .56 * max(dot(n, normalize(-ahead + .5 * up - .35 * right)), 0.) + .1 * n.z;
+    depth = part.x * dot(dir, ahead);
   }
   color = vec4(rgb * light, 1.);
+  if (pick > 0.) color = vec4(mod(vec3(number, floor(number / 256.), floor(number / 65536.)), 256.) / 255., 1.);
   gl_FragDepth = zk.x - zk.y / depth;
 }`;
 
@@ -141,6 +168,7 @@ export class Drawing {
     this.limit = Math.min(limit, gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE)[1]);
     this.grains = link(gl, grainVertex(kind), grainFragment(kind));
     this.lines = link(gl, lineVertex, lineFragment);
+    this.matrix = link(gl, HEAD + matrixVertex, HEAD + KEPT + matrixFragment);
     this.outline = gl.createBuffer();
     this.records = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, this.records);
@@ -158,6 +186,15 @@ export class Drawing {
     gl.bufferSubData(gl.ARRAY_BUFFER, at * this.head.stride, records);
   }
 
+  /** The bytes of a grain. @param {number} index */
+  record(index) {
+    const { gl } = this;
+    const bytes = new Uint8Array(this.head.stride);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.records);
+    gl.getBufferSubData(gl.ARRAY_BUFFER, index * bytes.length, bytes);
+    return bytes;
+  }
+
   /** Resolves when the graphics processor has done what it was told. */
   async done() {
     const { gl } = this;
@@ -173,7 +210,7 @@ export class Drawing {
   end() {
     const { gl } = this;
     for (const buffer of [this.outline, this.records]) gl.deleteBuffer(buffer);
-    for (const { program } of [this.lines, this.grains]) gl.deleteProgram(program);
+    for (const { program } of [this.lines, this.grains, this.matrix]) gl.deleteProgram(program);
     gl.deleteTexture(this.texture);
   }
 
@@ -196,6 +233,7 @@ export class Drawing {
     gl.viewport(-margin, -margin, width, height);
     const uniforms = {
       ...camera,
+      pick: [0],
       ...style,
       size,
       dmin: [head.dmin],
@@ -205,7 +243,7 @@ export class Drawing {
     if (first) {
       gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
       if (style.ink[3]) {
-        const lines = new Float32Array(outline(head, style.cut));
+        const lines = new Float32Array(outline(head, style));
         this.lines.use(uniforms);
         gl.bindBuffer(gl.ARRAY_BUFFER, this.outline);
         gl.bufferData(gl.ARRAY_BUFFER, lines, gl.DYNAMIC_DRAW);
@@ -213,6 +251,11 @@ export class Drawing {
         gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
         gl.vertexAttribDivisor(0, 0);
         gl.drawArrays(gl.LINES, 0, lines.length / 3);
+      }
+      if (style.matrix[0] && head.specimen < 2) {
+        this.matrix.use({ ...uniforms, mortar: MORTAR, specimen: [head.specimen] });
+        gl.disableVertexAttribArray(0);
+        gl.drawArrays(gl.TRIANGLES, 0, 3);
       }
     }
     this.grains.use(uniforms);
@@ -230,6 +273,7 @@ export class Drawing {
         gl.vertexAttribDivisor(i, quad);
       }
       gl.vertexAttrib1f(3, quad);
+      this.grains.use({ start: [start] });
       if (quad) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, end - start);
       else gl.drawArrays(gl.POINTS, 0, end - start);
     }
@@ -238,11 +282,11 @@ export class Drawing {
 }
 
 /**
- * Ends of the lines that outline the specimen, and the plane of each cut within its box.
+ * Ends of the lines that outline the specimen, and the plane of each cut within its box, or what is removed of a box.
  * @param {Head} head
- * @param {number[]} cut
+ * @param {Style} style
  */
-function outline({ size, specimen }, cut) {
+function outline({ size, specimen }, { cut, octant }) {
   /** @type {number[]} */
   const lines = [];
   /** Draws what a plane has of the specimen; gives four of its points. @param {number} axis @param {number} at */
@@ -262,6 +306,19 @@ function outline({ size, specimen }, cut) {
   };
   const top = ring(2, size[2]);
   ring(2, 0).forEach((p, i) => lines.push(...p, ...top[i]));
-  cut.forEach((at, axis) => at < size[axis] && ring(axis, at));
+  if (!octant[0]) cut.forEach((at, axis) => at < size[axis] && ring(axis, at));
+  else if (specimen === 0 && cut.every((at, axis) => at < size[axis]))
+    for (let axis = 0; axis < 3; axis++)
+      for (const corner of [0, 1, 2, 3]) {
+        // An edge of the part that is removed, where it lies at a cut.
+        const [u, v] = [(axis + 1) % 3, (axis + 2) % 3];
+        const p = [...cut];
+        if (corner & 1) p[u] = size[u];
+        if (corner & 2) p[v] = size[v];
+        if (corner === 3) continue;
+        lines.push(...p);
+        p[axis] = size[axis];
+        lines.push(...p);
+      }
   return lines;
 }

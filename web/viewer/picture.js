@@ -15,7 +15,7 @@ const TILE = 4096;
  * @param {number} height
  * @param {boolean} depth
  */
-function target(gl, width, height, depth) {
+export function target(gl, width, height, depth) {
   const frame = gl.createFramebuffer();
   gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
   const parts = [

@@ -18,12 +18,21 @@ const clamp = (/** @type {number} */ low, /** @type {number} */ x, /** @type {nu
   Math.max(low, Math.min(x, high));
 
 /**
- * Events: `change` (camera, cut, sizes or colours), `progress` (grains arrived), `frame` (something was drawn), `rest`
- * (the picture is whole), `lost` and `error` (`event.detail` is the error).
+ * Events: `change` (camera, cut, sizes or colours), `pick` (`event.detail`: where on the canvas), `progress` (grains
+ * arrived), `frame` (something was drawn), `rest` (the picture is whole), `lost` and `error` (`event.detail` is the
+ * error).
  */
 export class Viewer extends EventTarget {
   pose = home();
   cut = [FAR, FAR, FAR];
+  /** Whether what lies beyond all three cuts is removed, and not beyond any of them. */
+  octant = false;
+  /** Normal and distance of an oblique cut, in mm. @type {number[] | null} */
+  plane = null;
+  /** Whether the matrix is drawn. */
+  matrix = false;
+  /** What it goes back to, beside the first pose. @type {Partial<Pick<Viewer, "cut" | "octant" | "matrix">>} */
+  initial = {};
   show = [0, FAR];
   colour = "size";
   /** Lower limits of the size classes, ascending, mm. @type {number[]} */
@@ -144,6 +153,9 @@ export class Viewer extends EventTarget {
       lod: [lod],
       steps: palette.flatMap((colour, i) => [...colour, this.classes[i + 1] ?? FAR]),
       cut: this.cut.map((c, i) => (c < (this.head?.size[i] ?? 0) ? c : FAR)),
+      octant: [Number(this.octant)],
+      plane: this.plane ?? [0, 0, 0, FAR],
+      matrix: [Number(this.matrix)],
       ink: [red / 255, green / 255, blue / 255, opacity],
     };
   }
@@ -242,7 +254,8 @@ export class Viewer extends EventTarget {
 
   /**
    * Changes what is shown, and draws it.
-   * @param {Partial<Pick<Viewer, "pose" | "cut" | "show" | "colour" | "classes">>} what cut and sizes in mm
+   * @param {Partial<Pick<Viewer, "pose" | "cut" | "octant" | "plane" | "matrix" | "show" | "colour" |
+   *   "classes">>} what cut and sizes in mm
    */
   set(what) {
     Object.assign(this, what);
@@ -269,16 +282,25 @@ export class Viewer extends EventTarget {
     this.set({ pose: { ...pose, zoom, pan: place.map((at, i) => at - ((at - pose.pan[i]) * zoom) / pose.zoom) } });
   }
 
-  /** Back to the first view, without cuts. */
+  /** Back to the first view, with the first cuts. */
   reset() {
-    this.set({ pose: home(), cut: [FAR, FAR, FAR] });
+    this.set({ pose: home(), cut: [FAR, FAR, FAR], octant: false, plane: null, ...this.initial });
   }
 
   /** Cuts in the middle across x, y, z, then not at all. */
   cycleCut() {
     const size = this.head?.size ?? [0, 0, 0];
-    const axis = this.cut.findIndex((c, i) => c < size[i]) + 1;
-    this.set({ cut: size.map((s, i) => (i === axis ? s / 2 : FAR)) });
+    const axis = this.octant ? 0 : this.cut.findIndex((c, i) => c < size[i]) + 1;
+    this.set({ cut: size.map((s, i) => (i === axis ? s / 2 : FAR)), octant: false });
+  }
+
+  /**
+   * The grain that is seen at a place of the canvas, CSS pixels from its left and top.
+   * @param {number} x
+   * @param {number} y
+   */
+  async grainAt(x, y) {
+    return (await import("./pick.js")).pick(this, x, y);
   }
 
   /**

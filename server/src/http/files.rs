@@ -27,7 +27,7 @@ use crate::http::problems::of_fault;
 use crate::http::ranges::Asked;
 use crate::http::response::set;
 use crate::jobs::JobRecord;
-use crate::jobs::store::Fault;
+use crate::jobs::store::{Fault, StoreError};
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
@@ -36,10 +36,9 @@ const TURN: Duration = Duration::from_secs(10);
 
 /// Longest part of a file name that comes from the name of a job, in characters.
 const MAX_NAME_CHARS: usize = 60;
-/// Digits of the ID that tell jobs of one name apart: the random end of it.
-const ID_DIGITS: usize = 8;
 
-/// The name under which a client saves a file: as the job is called, and for old clients in ASCII.
+/// The name under which a client saves a file: what the job is called or packs, its seed, and the settings that the
+/// ending has; and for old clients the same in ASCII.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct FileName {
     name: String,
@@ -47,18 +46,25 @@ pub(crate) struct FileName {
 }
 
 impl FileName {
-    /// The name of a job as far as file names allow, and the end of its ID, with an ending; without a name the ID.
-    pub(crate) fn of(job: &JobRecord, ending: &str) -> Self {
-        Self::named(job.name.as_deref(), &job.id.to_string(), ending)
+    /// The name of a file of a job, with an ending. A job without a name is called by its mix.
+    ///
+    /// # Errors
+    /// The store's.
+    pub(crate) async fn of(app: &App, job: &JobRecord, ending: &str) -> Result<Self, StoreError> {
+        let called = match &job.name {
+            Some(name) => Some(name.clone()),
+            None => app.shared.store.overviews(&[job.seq]).await?.remove(&job.seq).map(|of| of.file_stem()),
+        };
+        Ok(Self::named(called.as_deref(), job.seed.cast_unsigned(), &job.id.to_string(), ending))
     }
 
-    fn named(name: Option<&str>, id: &str, ending: &str) -> Self {
+    fn named(called: Option<&str>, seed: u64, id: &str, ending: &str) -> Self {
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "_.".contains(c);
         // Accents may be marks of their own.
         let is_letter = |c: char| is_plain(c) || c.is_alphanumeric() || ('\u{300}'..='\u{36f}').contains(&c);
-        let with = |is_allowed: &dyn Fn(char) -> bool| match slug(name.unwrap_or_default(), is_allowed) {
+        let with = |is_allowed: &dyn Fn(char) -> bool| match slug(called.unwrap_or_default(), is_allowed) {
             slug if slug.is_empty() => format!("{id}.{ending}"),
-            slug => format!("{slug}-{}.{ending}", &id[id.len().saturating_sub(ID_DIGITS)..]),
+            slug => format!("{slug}-seed{seed}.{ending}"),
         };
         Self { name: with(&is_letter), ascii: with(&is_plain) }
     }
@@ -284,30 +290,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_files_are_plain_and_differ_between_jobs() {
+    fn names_of_files_are_plain_and_have_mix_and_seed() {
         let id = "01900000-0000-7000-8000-0123456789ab";
         for (name, disposition) in [
             (None, "filename=\"01900000-0000-7000-8000-0123456789ab.npy\""),
-            (Some("A16 cube"), "filename=\"A16-cube-456789ab.npy\""),
-            (Some("../../etc/passwd"), "filename=\"etc-passwd-456789ab.npy\""),
-            (Some("\"; rm\r\n"), "filename=\"rm-456789ab.npy\""),
+            (Some("A16, 70pct, cube 150mm"), "filename=\"A16-70pct-cube-150mm-seed7.npy\""),
+            (Some("A16 cube"), "filename=\"A16-cube-seed7.npy\""),
+            (Some("../../etc/passwd"), "filename=\"etc-passwd-seed7.npy\""),
+            (Some("\"; rm\r\n"), "filename=\"rm-seed7.npy\""),
             (
                 Some("Würfel, 0.70"),
-                "filename=\"W-rfel-0.70-456789ab.npy\"; filename*=UTF-8''W%C3%BCrfel-0.70-456789ab.npy",
+                "filename=\"W-rfel-0.70-seed7.npy\"; filename*=UTF-8''W%C3%BCrfel-0.70-seed7.npy",
             ),
             (
                 Some("Wu\u{308}rfel"),
-                "filename=\"Wu-rfel-456789ab.npy\"; filename*=UTF-8''Wu%CC%88rfel-456789ab.npy",
+                "filename=\"Wu-rfel-seed7.npy\"; filename*=UTF-8''Wu%CC%88rfel-seed7.npy",
             ),
             (
                 Some("日本"),
                 "filename=\"01900000-0000-7000-8000-0123456789ab.npy\"; \
-                 filename*=UTF-8''%E6%97%A5%E6%9C%AC-456789ab.npy",
+                 filename*=UTF-8''%E6%97%A5%E6%9C%AC-seed7.npy",
             ),
             // What turns the direction of writing could hide an ending.
-            (Some("a\u{202e}gpj"), "filename=\"a-gpj-456789ab.npy\""),
+            (Some("a\u{202e}gpj"), "filename=\"a-gpj-seed7.npy\""),
         ] {
-            let named = FileName::named(name, id, "npy");
+            let named = FileName::named(name, 7, id, "npy");
             assert_eq!(named.disposition(false), format!("attachment; {disposition}"), "{name:?}");
             assert!(named.disposition(true).starts_with("inline; "));
         }

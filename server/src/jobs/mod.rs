@@ -8,6 +8,7 @@
 pub(crate) mod journal;
 pub(crate) mod moments;
 pub(crate) mod notifications;
+pub(crate) mod overview;
 pub(crate) mod request;
 #[cfg(test)]
 pub(crate) mod schema;

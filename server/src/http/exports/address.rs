@@ -188,11 +188,14 @@ impl Target {
         serde_json::to_value(&self.export).unwrap_or_default()
     }
 
-    /// The name under which a client saves the file: it differs between jobs and between options. That of a file with
-    /// a script beside it, which names the file, is the same for every client.
-    pub(crate) fn file_name(&self) -> FileName {
-        let name = FileName::of(&self.job, &self.export.file_ending());
-        if self.export.companion("").is_some() { FileName::plain(name.into_ascii()) } else { name }
+    /// The name under which a client saves the file: it has mix, seed and settings. That of a file with a script beside
+    /// it, which names the file, is the same for every client.
+    ///
+    /// # Errors
+    /// The store's.
+    pub(crate) async fn file_name(&self, app: &App) -> Result<FileName, Problem> {
+        let name = FileName::of(app, &self.job, &self.export.file_ending()).await?;
+        Ok(if self.export.companion("").is_some() { FileName::plain(name.into_ascii()) } else { name })
     }
 }
 

@@ -62,6 +62,10 @@ parameters! {
 pub(crate) struct DeletedJobs {
     /// Jobs that were deleted; with `dry_run` those that would be.
     deleted: u64,
+    /// Bytes of the results and exports that would be deleted; absent without `dry_run`.
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bytes: Option<u64>,
     /// Jobs were only counted.
     dry_run: bool,
     /// The time of the request was not enough for all jobs: repeat it.
@@ -73,7 +77,8 @@ pub(crate) struct DeletedJobs {
 /// Deletes the finished jobs that fit all of `state`, `label` and `before`, at least one of which must be given, with
 /// their results and exports. Jobs of studies are left to their study, and jobs that wait or run stay. A key with the
 /// role `admin` deletes the jobs of all owners, any other key those of its owner. Jobs are deleted a few at a time, for
-/// at most 20 s; then `more` is true. `dry_run=true` counts them.
+/// at most 20 s; then `more` is true. `dry_run=true` counts them, and
+/// what they take.
 #[cfg_attr(test, utoipa::path(
     delete, path = "/v1/jobs", tag = "jobs", operation_id = "delete_jobs",
     params(DeletionParameters),
@@ -100,8 +105,8 @@ pub(crate) async fn delete(
     };
     let store = &app.shared.store;
     if dry_run.get() {
-        let deleted = store.count_matching(&which).await?;
-        return Ok(axum::Json(DeletedJobs { deleted, dry_run: true, more: false }));
+        let (deleted, bytes) = store.count_matching(&which).await?;
+        return Ok(axum::Json(DeletedJobs { deleted, bytes: Some(bytes), dry_run: true, more: false }));
     }
     let until = Instant::now() + MOST_TIME;
     let mut deleted = 0;
@@ -118,5 +123,5 @@ pub(crate) async fn delete(
         sleep(BATCH_PAUSE).await;
     };
     tracing::info!(deleted, more, "deleted finished jobs by a filter");
-    Ok(axum::Json(DeletedJobs { deleted, dry_run: false, more }))
+    Ok(axum::Json(DeletedJobs { deleted, bytes: None, dry_run: false, more }))
 }

@@ -10,6 +10,7 @@ use crate::http::app::App;
 use crate::http::conditional::Wait;
 use crate::http::jobs::polled::RECENT;
 use crate::http::jobs::view;
+use crate::http::params::values::Flag;
 use crate::http::params::{IdPath, JobPath, NoParameters, Query, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::response::{is_long, json};
@@ -35,6 +36,16 @@ parameters! {
     }
 }
 
+parameters! {
+    /// What the answer about a job has besides.
+    #[derive(Debug)]
+    pub(crate) struct JobParameters {
+        /// The job has its `overview`: what the request packs, in a few words.
+        overview: Flag<false>,
+        ..include: IncludeParameters,
+    }
+}
+
 impl IncludeParameters {
     /// Whether the request is asked for.
     pub(crate) fn with_request(&self) -> bool {
@@ -51,7 +62,7 @@ impl IncludeParameters {
     get, path = "/v1/jobs/{id}", tag = "jobs", operation_id = "get_job",
     params(
         JobPath,
-        IncludeParameters,
+        JobParameters,
         ("If-None-Match" = Option<String>, Header, description = "Tag of the job as known"),
         ("Prefer" = Option<String>, Header, description = "`wait=N`, at most 60"),
     ),
@@ -66,7 +77,7 @@ pub(crate) async fn get(
     State(app): State<App>,
     Extension(caller): Extension<Caller>,
     IdPath(id): JobPath,
-    Query(query): Query<IncludeParameters>,
+    Query(query): Query<JobParameters>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let asked = Asked::of(&headers);
@@ -75,10 +86,13 @@ pub(crate) async fn get(
         if record.state == jobs::State::Running && !record.worker.is_empty() {
             app.shared.polled.note(id, RECENT);
         }
-        let whole = async {
-            let job = view::whole(&app, &caller, &record, query.with_request()).await?;
+        let whole = Box::pin(async {
+            let mut job = view::whole(&app, &caller, &record, query.include.with_request()).await?;
+            if query.overview.get() {
+                job.set_overview(app.shared.store.overviews(&[record.seq]).await?.remove(&record.seq));
+            }
             Ok(view::response(&app, StatusCode::OK, &record, job).await)
-        };
+        });
         asked.answer(&record, whole).await
     });
     answered.await.map_err(|error| refused(error, id))

@@ -10,14 +10,14 @@ use crate::accounts::Caller;
 use crate::http::app::App;
 use crate::http::jobs::view::JobSummary;
 use crate::http::pages::{self, DamagedItem, PageParameters};
-use crate::http::params::values::{Labels, OrDefault, Text, Time};
+use crate::http::params::values::{Flag, Labels, OrDefault, Text, Time};
 use crate::http::params::{Choice as _, IdPath, ParameterSet, Query, StudyPath, choices, parameters};
 use crate::http::problems::refused;
 use crate::http::response::{SHORT_LIST, json, set};
 use crate::ids::StudyId;
 use crate::jobs;
 use crate::jobs::request::MAX_NAME_CHARS;
-use crate::jobs::store::{Filter, Order, SortKey, StoreError};
+use crate::jobs::store::{Filter, Order, SortKey, StoreError, Totals};
 use crate::problem::Problem;
 
 /// A page of jobs.
@@ -31,9 +31,31 @@ pub(crate) struct JobPage {
     #[cfg_attr(test, schema(required = false))]
     #[serde(skip_serializing_if = "Vec::is_empty")]
     damaged: Vec<DamagedItem>,
+    /// All jobs that fit the filters, on whichever page; where `totals=true` asks for it.
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    totals: Option<JobTotals>,
     /// Where the next page starts; `null` on the last.
     #[cfg_attr(test, schema(required))]
     next_cursor: Option<String>,
+}
+
+/// All jobs that fit the filters of a list.
+#[derive(Serialize)]
+#[cfg_attr(test, derive(utoipa::ToSchema))]
+pub(crate) struct JobTotals {
+    /// Their number; at most 10 000 are counted.
+    jobs: u64,
+    /// Whether there are more than were counted.
+    more: bool,
+    /// Bytes of the results of those that were counted, without exports.
+    bytes: u64,
+}
+
+impl From<Totals> for JobTotals {
+    fn from(Totals { jobs, is_all, bytes }: Totals) -> Self {
+        Self { jobs, more: !is_all, bytes }
+    }
 }
 
 choices! {
@@ -96,7 +118,7 @@ parameters! {
         state: Option<jobs::State>,
         /// `key=value`; only jobs with this label; may be repeated, and then all must fit.
         label: Labels,
-        /// Only jobs whose name contains this text.
+        /// Only jobs whose name contains this text, in upper or lower case.
         name: Option<Text<1, MAX_NAME_CHARS>>,
         /// Only jobs with this method in their request.
         method: Option<MethodName>,
@@ -107,6 +129,10 @@ parameters! {
         /// `created`: oldest first; `priority`: lowest first; `finished`: earliest end first, jobs that have not ended
         /// before all others. Equal jobs are in the order of submission. `-` reverses the whole order.
         sort: OrDefault<JobOrder>,
+        /// Items have their `overview`: what the request packs, in a few words.
+        overview: Flag<false>,
+        /// The page has the `totals` of all jobs that fit.
+        totals: Flag<false>,
         ..page: PageParameters,
     }
 }
@@ -140,7 +166,7 @@ pub(crate) async fn list(
     Query(mut query): Query<AllJobsParameters>,
 ) -> Result<Response, Problem> {
     let filter = query.jobs.filter(&caller, query.study);
-    let found = page(&app, &filter, &query.jobs.page).await?;
+    let found = page(&app, &filter, &query.jobs).await?;
     let next = |cursor: &str| {
         query.jobs.page.turn_to(cursor);
         query
@@ -172,7 +198,7 @@ pub(crate) async fn list_of_study(
     if app.shared.store.study(id).await?.is_none() {
         return Err(refused(StoreError::NoStudy, id));
     }
-    let found = page(&app, &filter, &query.page).await?;
+    let found = page(&app, &filter, &query).await?;
     let next = |cursor: &str| {
         query.page.turn_to(cursor);
         query
@@ -197,11 +223,20 @@ impl JobListParameters {
 }
 
 /// The page of a listing that was asked for.
-async fn page(app: &App, filter: &Filter, page: &PageParameters) -> Result<JobPage, Problem> {
-    let found = app.shared.store.list(filter, page.after(filter)?, page.limit.get()).await?;
-    let items = JobSummary::of_all(app, &found.jobs).await?;
+async fn page(app: &App, filter: &Filter, query: &JobListParameters) -> Result<JobPage, Problem> {
+    let (store, page) = (&app.shared.store, &query.page);
+    let found = store.list(filter, page.after(filter)?, page.limit.get()).await?;
+    let mut items = JobSummary::of_all(app, &found.jobs).await?;
+    if query.overview.get() {
+        let numbers: Vec<i64> = found.jobs.iter().map(|job| job.seq).collect();
+        let mut overviews = store.overviews(&numbers).await?;
+        for (item, number) in items.iter_mut().zip(&numbers) {
+            item.set_overview(overviews.remove(number));
+        }
+    }
+    let totals = if query.totals.get() { Some(store.totals(filter).await?.into()) } else { None };
     let next_cursor = found.next_after.map(|item| pages::cursor(item, filter));
-    Ok(JobPage { items, damaged: DamagedItem::all(found.damaged), next_cursor })
+    Ok(JobPage { items, totals, damaged: DamagedItem::all(found.damaged), next_cursor })
 }
 
 impl JobPage {

@@ -16,6 +16,7 @@ use crate::http::jobs::waits::{WaitView, waits_of};
 use crate::http::response::{is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
+use crate::jobs::overview::Overview;
 use crate::jobs::store::StoreError;
 use crate::jobs::{ArtifactRecord, JobRecord, State};
 use crate::plots::job::JobPlot;
@@ -111,6 +112,10 @@ pub(crate) struct JobSummary {
     /// Index of the job in its point, from 0.
     #[cfg_attr(test, schema(required, minimum = 0))]
     replicate: Option<u32>,
+    /// What its request packs, in a few words; where `overview=true` asks for it and the request is short.
+    #[cfg_attr(test, schema(required = false, nullable = false))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    overview: Option<Overview>,
     /// Addresses of what belongs to it.
     links: Links,
 }
@@ -198,6 +203,11 @@ impl JobSummary {
         Ok(Self::of(job, waiting))
     }
 
+    /// Adds what its request packs.
+    pub(crate) fn set_overview(&mut self, overview: Option<Overview>) {
+        self.overview = overview;
+    }
+
     fn of(job: &JobRecord, waiting: Option<WaitView>) -> Self {
         let this = path(job);
         Self {
@@ -231,6 +241,7 @@ impl JobSummary {
             study_id: job.study.map(|place| place.id.to_string()),
             point: job.study.map(|place| place.point),
             replicate: job.study.map(|place| place.replicate),
+            overview: None,
             links: Links {
                 events: format!("{this}/events"),
                 result: format!("{this}/result"),
@@ -247,6 +258,13 @@ impl JobSummary {
                 this,
             },
         }
+    }
+}
+
+impl Job {
+    /// Adds what its request packs.
+    pub(crate) fn set_overview(&mut self, overview: Option<Overview>) {
+        self.summary.set_overview(overview);
     }
 }
 

@@ -1,10 +1,11 @@
 //! Which files are pages, and what media types files have.
 
 /// Routes of pages, each with its file.
-pub(super) const PAGES: [(&str, &str); 6] = [
+pub(super) const PAGES: [(&str, &str); 7] = [
     ("/", "index.html"),
     ("/jobs", "jobs.html"),
     ("/jobs/{id}", "job.html"),
+    ("/compare", "compare.html"),
     ("/studies", "studies.html"),
     ("/studies/{id}", "study.html"),
     ("/service", "service.html"),

@@ -101,7 +101,7 @@ pub(crate) use idle_workers::WorkUntil;
 pub(crate) use leases::{Claim, Held, Renewal};
 pub(crate) use lifecycle::Cancelled;
 pub(crate) use presence::Unusable;
-pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Usage};
+pub(crate) use query::{Filter, Holder, Order, Position, SortKey, Totals, Usage};
 pub(crate) use received::{Received, ReceivedEnd};
 pub(crate) use retention::FinishedJobs;
 pub(crate) use rows::DamagedRow;

@@ -1,6 +1,6 @@
 //! Reading jobs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use serde_json::Value;
 
@@ -10,10 +10,19 @@ use super::rows::{DamagedRow, select_jobs};
 use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::ids::StudyId;
+use crate::jobs::overview::Overview;
 use crate::jobs::{JobId, JobRecord, State};
 
 /// What stands for the end of a job that has not ended, before the end of every other.
 const NOT_FINISHED: i64 = 0;
+
+/// Most jobs that a listing counts: a count walks them all.
+const MOST_COUNTED: i64 = 10_000;
+/// Bytes of a request that is too long to be read for a few words.
+const LONG_REQUEST: i64 = 1 << 14;
+/// The name of a job without regard to case: SQLite itself knows the case of ASCII letters alone.
+const FOLDED_NAME: &str =
+    "replace(replace(replace(replace(lower(jobs.name), 'Ä', 'ä'), 'Ö', 'ö'), 'Ü', 'ü'), 'É', 'é')";
 
 /// Which jobs a listing wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -23,7 +32,7 @@ pub(crate) struct Filter {
     pub(crate) labels: Vec<(String, String)>,
     /// Only jobs of this study.
     pub(crate) study: Option<StudyId>,
-    /// Only jobs whose name contains this text.
+    /// Only jobs whose name contains this text, in upper or lower case.
     pub(crate) name: Option<String>,
     /// Only jobs with this method in their request.
     pub(crate) method: Option<String>,
@@ -101,6 +110,17 @@ impl From<i64> for Position {
     fn from(seq: i64) -> Self {
         Self { key: 0, seq }
     }
+}
+
+/// The jobs that a filter leaves, and what their results take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Totals {
+    /// Jobs that were counted.
+    pub(crate) jobs: u64,
+    /// Whether there are no more.
+    pub(crate) is_all: bool,
+    /// Bytes of their results, without exports.
+    pub(crate) bytes: u64,
 }
 
 /// One page of a listing.
@@ -184,6 +204,48 @@ impl Store {
         let last = rows.get(limit as usize).and_then(|_| rows.get(limit.saturating_sub(1) as usize));
         let next_after = last.map(|row| filter.order.position(row)).transpose()?;
         Ok(Page { jobs, damaged, next_after })
+    }
+
+    /// The jobs that a filter leaves, of which at most [`MOST_COUNTED`] are counted.
+    pub(crate) async fn totals(&self, filter: &Filter) -> Result<Totals, StoreError> {
+        let unordered = Filter { order: Order::default(), ..filter.clone() };
+        let mut counted = list_query(&unordered, unordered.order.start(), MOST_COUNTED + 1);
+        counted
+            .prepend("select count(*) as jobs, cast(coalesce(sum(bytes), 0) as bigint) as bytes from (")
+            .push(") as counted");
+        let row = counted.build().fetch_one(self.readers()).await?;
+        let jobs = row.try_get::<i64>("jobs")?;
+        Ok(Totals {
+            jobs: jobs.min(MOST_COUNTED).cast_unsigned(),
+            is_all: jobs <= MOST_COUNTED,
+            bytes: row.try_get::<i64>("bytes")?.cast_unsigned(),
+        })
+    }
+
+    /// What jobs pack, by their numbers; those whose requests are long by themselves are left out. Of a list that the
+    /// requests of a study share an empty one is read.
+    pub(crate) async fn overviews(&self, jobs: &[i64]) -> Result<HashMap<i64, Overview>, StoreError> {
+        let rows = query(
+            "select jobs.seq as seq,
+                 case when r.part is null then r.body
+                     else substr(r.body, 1, cast(r.part_at as integer)) || '[]'
+                         || substr(r.body, cast(r.part_at as integer) + 1) end as body
+             from jobs join job_requests as r on r.job = jobs.seq
+             where jobs.seq in (select cast(value as bigint) from json_each(?)) and jobs.request_bytes <= ?",
+        )
+        .bind(to_json(&jobs)?)
+        .bind(LONG_REQUEST)
+        .fetch_all(self.readers())
+        .await?;
+        let mut overviews = HashMap::with_capacity(rows.len());
+        for row in &rows {
+            // A damaged body is reported where it is read for more than words.
+            let request = serde_json::from_str(row.text("body")?).unwrap_or(Value::Null);
+            if let Some(overview) = Overview::of(&request) {
+                overviews.insert(row.try_get("seq")?, overview);
+            }
+        }
+        Ok(overviews)
     }
 
     /// What the jobs of an owner take.
@@ -322,7 +384,8 @@ impl Filter {
         if self.name.as_ref().is_some_and(String::is_empty) {
             query.push(" and jobs.name is not null");
         } else if let Some(name) = &self.name {
-            query.push(" and replace(jobs.name, ").push_bind(name.clone()).push(", '') <> jobs.name");
+            query.push(" and replace(").push(FOLDED_NAME).push(", ").push_bind(name.to_lowercase());
+            query.push(", '') <> ").push(FOLDED_NAME);
         }
         if let Some(method) = &self.method {
             query.push(" and jobs.method = ").push_bind(method.clone());

@@ -114,13 +114,18 @@ impl Store {
         Ok((self.remove_finished(numbers, Scope::WithoutExpiry).await?, places.last().copied()))
     }
 
-    /// How many jobs [`Self::remove_matching`] would remove in all.
+    /// How many jobs [`Self::remove_matching`] would remove in all, and the bytes of their results and exports.
     ///
     /// # Errors
     /// The database's.
-    pub(crate) async fn count_matching(&self, which: &FinishedJobs) -> Result<u64, StoreError> {
-        let count: i64 = matching("select count(*)", which, 0).build().scalar(self.readers()).await?;
-        Ok(count.cast_unsigned())
+    pub(crate) async fn count_matching(&self, which: &FinishedJobs) -> Result<(u64, u64), StoreError> {
+        let columns = "select count(*) as jobs, cast(coalesce(sum(
+                 coalesce((select artifacts.bytes from artifacts where artifacts.job = jobs.seq), 0)
+                 + coalesce((select sum(exports.bytes) from exports
+                             where exports.job = jobs.seq and exports.path is not null), 0)), 0) as bigint) as bytes";
+        let row = matching(columns, which, 0).build().fetch_one(self.readers()).await?;
+        let count = |column| Ok::<_, StoreError>(row.try_get::<i64>(column)?.cast_unsigned());
+        Ok((count("jobs")?, count("bytes")?))
     }
 
     /// Removes finished jobs that a client deletes, a bounded number at a time, of those beyond the number `after`;
@@ -359,7 +364,7 @@ mod tests {
             (FinishedJobs { state: Some(State::Failed), ..of_a() }, vec![]),
             (FinishedJobs { state: Some(State::Cancelled), ..of_a() }, vec![a, late]),
         ] {
-            assert_eq!(store.count_matching(&which).await.unwrap(), expected.len() as u64, "{which:?}");
+            assert_eq!(store.count_matching(&which).await.unwrap().0, expected.len() as u64, "{which:?}");
             let found: Vec<String> =
                 matching("select jobs.id", &which, 0).build().scalars(store.readers()).await.unwrap();
             let mut expected: Vec<String> = expected.iter().map(ToString::to_string).collect();

@@ -32,6 +32,12 @@ impl QueryBuilder {
         self
     }
 
+    /// Adds a text before the present one, which has no values.
+    pub(in super::super) fn prepend(&mut self, text: &str) -> &mut Self {
+        self.text.insert_str(0, text);
+        self
+    }
+
     /// Adds a parameter with its value.
     pub(in super::super) fn push_bind(&mut self, value: impl Bind) -> &mut Self {
         self.text.push('?');
