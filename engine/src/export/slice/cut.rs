@@ -123,7 +123,8 @@ impl Cut {
 
     /// Area of the sections inside the outline.
     pub fn aggregate_area_mm2(&self) -> f64 {
-        self.sections.iter().map(|section| section.area_mm2).sum()
+        // The sum of no numbers is minus zero.
+        self.sections.iter().map(|section| section.area_mm2).fold(0.0, |sum, area| sum + area)
     }
 
     pub(super) fn report(&self) -> SliceReport {
