@@ -155,7 +155,8 @@ async fn pages_are_whole(base: &Url, job: &str) {
         open.push(base.join(path).unwrap());
     }
     while let Some(url) = open.pop() {
-        if !known.insert(url.to_string()) {
+        // Documents cite papers and name other programs.
+        if url.origin() != base.origin() || !known.insert(url.to_string()) {
             continue;
         }
         assert!(url.path().starts_with(base.path()), "{url} is not below {base}");
@@ -177,8 +178,8 @@ async fn pages_are_whole(base: &Url, job: &str) {
         };
         open.extend(named.into_iter().map(|address| url.join(address).unwrap()));
     }
-    // Six pages, their styles and their scripts.
-    assert!(known.len() > 40, "{known:?}");
+    // Six pages, their styles and their scripts, and the documents.
+    assert!(known.len() > 100, "{known:?}");
 }
 
 /// Every string of a document that is an address.

@@ -49,6 +49,7 @@ fn every_route_of_this_version_is_in_it() {
         "post /v1/plans",
         "post /v1/mixes/read",
         "post /v1/mixes/blend",
+        "post /v1/shapes",
         "get /v1/jobs/{id}/exports",
         "get /v1/jobs/{id}/exports/{type}",
         "post /v1/jobs/{id}/exports/{type}",

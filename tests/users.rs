@@ -59,7 +59,7 @@ pub(crate) async fn laboratory() -> Keys {
 }
 
 /// Routes that compute an answer from a body and store nothing.
-const COMPUTING: [&str; 3] = ["/v1/plans", "/v1/mixes/read", "/v1/mixes/blend"];
+const COMPUTING: [&str; 4] = ["/v1/plans", "/v1/mixes/read", "/v1/mixes/blend", "/v1/shapes"];
 
 fn send(client: &Client, method: &str, target: &str) -> crate::harness::Request {
     let request = client.request(Method::from_bytes(method.to_uppercase().as_bytes()).unwrap(), target);

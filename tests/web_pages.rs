@@ -111,3 +111,45 @@ async fn a_folder_of_files_is_read_at_each_request_and_no_further() {
     }
     server.stop().await;
 }
+
+#[tokio::test]
+async fn documents_are_open_and_a_browser_gets_a_page_for_an_address_that_does_not_exist() {
+    let data_dir = DataDir::new();
+    let (_folder, keys, _) = key_file(&["laboratory"]).await;
+    let server = Launch::new(&data_dir).args(&["--api-keys-file", keys.to_str().unwrap()]).start().await;
+    let client = server.client();
+    let html = "text/html; charset=utf-8";
+    for (path, media_type) in [
+        ("/docs/", html),
+        ("/docs/mixes", html),
+        ("/docs/tutorial/", html),
+        ("/docs/files/docs/tutorial/first.json", "application/json"),
+        ("/assets/gallery.json", "application/json"),
+        ("/assets/gallery/dice.png", "image/png"),
+        ("/assets/version.json", "application/json"),
+    ] {
+        let answer = client.get(path).send().await;
+        assert_eq!(answer.expect(200).header("content-type"), media_type, "{path}");
+        assert!(answer.header("content-security-policy").contains("default-src 'none'"), "{path}");
+    }
+    // Redirected.
+    client.get("/docs").send().await.expect(200);
+    for path in ["/docs/none", "/docs/mixes.md", "/assets/none.js", "/assets/gallery/none.png"] {
+        client.get(path).send().await.expect_problem(404, "not-found");
+        let page = client.get(path).header("accept", "text/html,*/*;q=0.8").send().await;
+        page.expect(404);
+        assert_eq!(page.header("content-type"), html, "{path}");
+        let root = "../".repeat(path.matches('/').count() - 1);
+        let link = format!("<a href=\"{root}docs/\">");
+        assert!(String::from_utf8_lossy(&page.body).contains(&link), "{path}");
+    }
+    server.stop().await;
+
+    let data_dir = DataDir::new();
+    let server = Launch::new(&data_dir).args(&["--no-web"]).start().await;
+    for path in ["/docs/", "/assets/gallery.json", "/none"] {
+        let browser = server.client().get(path).header("accept", "text/html").send().await;
+        browser.expect_problem(404, "not-found");
+    }
+    server.stop().await;
+}

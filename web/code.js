@@ -33,7 +33,7 @@ export function curl(request, withKey) {
   const path = isStudy(request) ? "/v1/studies" : "/v1/jobs";
   const key = withKey ? '-H "Authorization: Bearer $PACKSTONE_API_KEY" ' : "";
   const type = "-H 'Content-Type: application/json'";
-  return `curl -sf ${key}${type} \\\n  ${service()}${path} -d ${shellQuoted(json(request))}\n`;
+  return `curl -sS --fail-with-body ${key}${type} \\\n  ${service()}${path} -d ${shellQuoted(json(request))}\n`;
 }
 
 /** The literal of Python that stands for a JSON document. @param {any} request */

@@ -1,7 +1,13 @@
-/** The request as JSON, which can be changed and pasted, as a command with curl, and as a script with Python. */
+/**
+ * The request as JSON, which can be changed and pasted, as a command with curl, and as a script for Python, PowerShell
+ * and MATLAB.
+ */
 import { curl, json, python } from "./code.js";
 import { copyButton, h, replace, text } from "./dom.js";
 import { parse } from "./numbers.js";
+
+/** @type {Record<string, string>} */
+const KINDS = { json: "JSON", curl: "curl", python: "Python", powershell: "PowerShell", matlab: "MATLAB" };
 
 export class CodePart {
   /**
@@ -10,8 +16,7 @@ export class CodePart {
    */
   constructor(place, fill) {
     this.request = {};
-    const kinds = { json: "JSON", curl: "curl", python: "Python" };
-    const choices = Object.entries(kinds).map(([value, name]) =>
+    const choices = Object.entries(KINDS).map(([value, name]) =>
       h(
         "label",
         {},
@@ -95,9 +100,16 @@ export class CodePart {
     this.#update();
   }
 
+  /** Writes the request for a program. @param {string} kind */
+  async #write(kind) {
+    this.words.setAttribute("aria-label", kind === "curl" ? "Command with curl" : `Script for ${KINDS[kind]}`);
+    const more = kind === "powershell" || kind === "matlab" ? await import("./code-more.js") : null;
+    const write = { curl, python, ...more }[kind];
+    if (write && kind === this.kind) text(this.words, write(this.request, this.withKey));
+  }
+
   #update() {
     if (this.kind === "json") this.field.value = json(this.request);
-    else text(this.words, this.kind === "curl" ? curl(this.request, this.withKey) : python(this.request, this.withKey));
-    this.words.setAttribute("aria-label", this.kind === "curl" ? "Command with curl" : "Script with Python");
+    else this.#write(this.kind);
   }
 }

@@ -10,11 +10,11 @@
  * (size classes, mixtures) is kept whole: its variant is then "As in the JSON". Several aggregates, which take the
  * place of the grading, have these fields each (`form-aggregates.js`).
  */
-import { byId, h, replace, text } from "./dom.js";
+import { byId, h, replace } from "./dom.js";
 import { aggregateFields } from "./form-aggregates.js";
 import { rowsOf, sieves } from "./form-sieves.js";
 import { getAt, removeAt, setAt } from "./form-pointer.js";
-import { faultOf, numberOf } from "./numbers.js";
+import { faultOf, numberOf, offersOf } from "./numbers.js";
 
 /** @typedef {HTMLInputElement | HTMLSelectElement | HTMLTextAreaElement} Control */
 
@@ -34,6 +34,8 @@ export class Fields {
     this.base = {};
     /** @type {Control[]} */
     this.controls = [];
+    /** Takes a value that is offered at a field. @type {(control: Control, value: string) => void} */
+    this.take = () => {};
     this.#find();
   }
 
@@ -229,9 +231,36 @@ export class Fields {
       if (words) control.setAttribute("aria-invalid", "true");
       else control.removeAttribute("aria-invalid");
       const place = document.getElementById(`${control.id}-fault`);
-      if (place) text(place, words?.join(" ") ?? "");
+      if (place) this.#say(place, control, words?.join(" ") ?? "");
     }
     return others;
+  }
+
+  /**
+   * Says what is wrong with a control, and offers the values next to it that can be.
+   * @param {HTMLElement} place @param {Control} control @param {string} words
+   */
+  #say(place, control, words) {
+    const key = words && `${words} ${control.value}`;
+    if ((place.dataset.words ?? "") === key) return;
+    place.dataset.words = key;
+    const unit = control.parentElement?.querySelector(".unit")?.textContent ?? "";
+    const offers = control.dataset.kind === "number" ? offersOf(control.value, words, unit) : [];
+    const button = (/** @type {string} */ value) =>
+      h(
+        "button",
+        { type: "button", class: "offer", onclick: () => this.take(control, value) },
+        `Use ${value}${unit && ` ${unit}`}`,
+      );
+    replace(place, words, offers.length > 0 && h("span", { class: "offers" }, offers.map(button)));
+  }
+
+  /** Pointers of what the controls on the page show. */
+  shown() {
+    const shown = this.controls.filter(
+      (control) => !control.closest("[hidden]") && !control.value.startsWith("~given"),
+    );
+    return shown.map((control) => control.dataset.path ?? "");
   }
 
   /** The control that shows a pointer, if any does. @param {string} pointer */

@@ -53,7 +53,13 @@ export function materialFields() {
           "tr",
           {},
           h("th", { scope: "col" }, "Phase"),
-          PROPERTIES.map(([, name, unit]) => h("th", { scope: "col" }, withUnit(name, unit))),
+          PROPERTIES.map(([member, name, unit]) =>
+            h(
+              "th",
+              { scope: "col", "data-help": `/materials/${member}` },
+              h("span", { class: "label" }, withUnit(name, unit)),
+            ),
+          ),
         ),
       ),
       h(

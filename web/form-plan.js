@@ -210,19 +210,27 @@ function classes(plan) {
 }
 
 /**
- * Shows why there is no plan.
+ * Shows why there is no plan, above the last one.
  * @param {Element} place
  * @param {{detail: string}[]} faults that belong to no field
  * @param {number} atFields how many are shown at their fields
  */
 export function showFaults(place, faults, atFields) {
   const words = atFields === 1 ? "One field needs another value." : `${atFields} fields need other values.`;
-  replace(
-    place,
+  place.querySelector(":scope > [data-kind=error]")?.remove();
+  // What was forecast before stays, dimmed: its proposals may be the remedy.
+  for (const part of place.children) part.classList.add("stale");
+  place.prepend(
     h(
       "div",
       { class: "notice", "data-kind": "error" },
-      h("div", {}, atFields > 0 && h("p", {}, words), ...faults.map((fault) => h("p", {}, fault.detail))),
+      h(
+        "div",
+        {},
+        atFields > 0 && h("p", {}, words),
+        ...faults.map((fault) => h("p", {}, fault.detail)),
+        place.children.length > 0 && h("p", { class: "hint" }, "Below stands the forecast of the last valid request."),
+      ),
     ),
   );
 }

@@ -8,14 +8,14 @@ import { get, Problem, request as ask, send } from "./api.js";
 import { byId, duration, h, number, percent, replace, text } from "./dom.js";
 import { address, requestOf } from "./form-address.js";
 import { CodePart } from "./form-code.js";
-import { chart } from "./form-chart.js";
 import { offerStandards } from "./form-standards.js";
 import { addAggregate, areMasses, removeAggregate } from "./form-aggregates.js";
 import { drawing } from "./form-drawing.js";
 import { Fields } from "./form-fields.js";
+import { offerHelp } from "./form-help.js";
 import { materialFields } from "./form-materials.js";
 import { grains, showFaults, showPlan } from "./form-plan.js";
-import { setAt } from "./form-pointer.js";
+import { getAt, removeAt, setAt } from "./form-pointer.js";
 import { mixWith, Tables } from "./form-tables.js";
 import { report, shell } from "./shell.js";
 
@@ -37,6 +37,11 @@ const submit = /** @type {HTMLButtonElement} */ (byId("submit"));
 const materials = /** @type {HTMLDetailsElement} */ (byId("materials"));
 replace(byId("material-fields"), materialFields());
 const fields = new Fields(/** @type {HTMLFormElement} */ (form));
+fields.take = (control, value) => {
+  control.value = value;
+  changed();
+  control.focus();
+};
 /** The part for studies, which is loaded when a study is chosen. @type {import("./form-study.js").StudyPart | null} */
 let study = null;
 /** The study that it shows at first. @type {any} */
@@ -114,6 +119,7 @@ function fill(request) {
 function changed() {
   byId("study").hidden = runs() !== "study";
   fields.arrange();
+  offerHelp(/** @type {Element} */ (form.firstElementChild));
   offerStandards(form, standards);
   clearTimeout(timer);
   asking?.abort();
@@ -137,16 +143,47 @@ function changed() {
   timer = setTimeout(plan, PAUSE);
 }
 
+/** Shows the grains of each shape, and the members of the request that no field shows. @param {any} job */
+async function showMore(job) {
+  for (const place of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-grains]"))) {
+    const pointer = place.dataset.grains ?? "";
+    const shape = getAt(job, pointer);
+    if (place.closest("[hidden]") || !shape) continue;
+    const { showShapes } = await import("./form-shapes.js");
+    showShapes(place, shape, (other) => replaceWith((request) => setAt(request, pointer, other)));
+  }
+  const place = byId("others");
+  const paths = fields.shown();
+  const { withoutField, showMembers } = await import("./form-hidden.js");
+  showMembers(place, withoutField(job, paths), (pointers) => {
+    replaceWith((request) => pointers.forEach((pointer) => removeAt(request, pointer)));
+    byId("submit").focus();
+  });
+}
+
+/** Changes the request and shows it. @param {(request: any) => void} change */
+function replaceWith(change) {
+  const { request } = fields.read();
+  change(request);
+  fields.fill(request);
+  changed();
+}
+
 /** Asks for the plan and shows it, or the faults. */
 async function plan() {
   const { job, faults, request } = read();
+  showMore(job).catch(report);
   if (location.hash || JSON.stringify(request) !== JSON.stringify(START))
     history.replaceState(null, "", address(request));
   if (faults.length) return fail(faults);
   const planned = runs() === "study" && study ? study.first(job, setAt) : { point: job, note: "" };
   const here = (asking = new AbortController());
   try {
-    const document = await send("POST", "/v1/plans", planned.point, { signal: here.signal });
+    // The plan takes a while, in which what draws its curve is loaded.
+    const [document, { chart }] = await Promise.all([
+      send("POST", "/v1/plans", planned.point, { signal: here.signal }),
+      import("./form-chart.js"),
+    ]);
     if (here !== asking) return;
     fields.mark([]);
     study?.mark([]);
@@ -191,20 +228,18 @@ function fail(faults) {
 
 /** Takes a value that is proposed. @param {string} pointer @param {number} value */
 function use(pointer, value) {
-  const { request } = fields.read();
-  if (pointer === "/distance/gap_mm") setAt(request, "/distance/type", "constant");
-  setAt(request, pointer, value);
-  fields.fill(request);
-  changed();
+  replaceWith((request) => {
+    if (pointer === "/distance/gap_mm") setAt(request, "/distance/type", "constant");
+    setAt(request, pointer, value);
+  });
   fields.at(pointer)?.focus();
 }
 
 /** Takes the mix of a table. @param {any} mix */
 function takeMix(mix) {
-  const { request } = fields.read();
-  request.mix = mixWith(request.mix, mix);
-  fields.fill(request);
-  changed();
+  replaceWith((request) => {
+    request.mix = mixWith(request.mix, mix);
+  });
 }
 
 /**
@@ -262,10 +297,12 @@ function first() {
   else answer.scrollIntoView({ block: "nearest" });
 }
 
-/** Shows the request of the address, or the first one. */
-function start() {
+/** Shows the request of the address, the example that it names, or the first request. */
+async function start() {
+  const name = new URLSearchParams(location.search).get("example");
   try {
-    fill(requestOf(location.hash) ?? START);
+    const example = name && !location.hash ? await (await import("./form-examples.js")).exampleOf(name) : null;
+    fill(example ?? requestOf(location.hash) ?? START);
     report();
   } catch (error) {
     fill(START);
@@ -278,6 +315,9 @@ form.addEventListener("input", (event) => {
   if (!tables.typed(event)) changed();
 });
 form.addEventListener("change", changed);
+byId("examples").addEventListener("click", () =>
+  import("./form-examples.js").then(({ chooseExample }) => chooseExample(fill)).catch(report),
+);
 byId("add-aggregate").addEventListener("click", () =>
   aggregates(addAggregate, ({ aggregates: all }) => `aggregate-${all.length - 1}-${areMasses(all) ? "mass" : "share"}`),
 );
@@ -297,8 +337,8 @@ addEventListener("hashchange", start);
 addEventListener("pageshow", (event) => {
   if (event.persisted) changed();
 });
-start();
-get("/v1/capabilities").then((capabilities) => {
+// An example is loaded first: nothing is planned before the fields are filled.
+Promise.all([get("/v1/capabilities"), start()]).then(([capabilities]) => {
   standards = capabilities.standard_gradings;
   presets = capabilities.shape_presets;
   changed();

@@ -27,6 +27,34 @@ export const faultOf = (words) =>
     ? `${words.trim()} is out of range: whole numbers reach from -${MOST} to ${MOST}.`
     : "";
 
+/**
+ * Values that are offered in place of one that cannot be: the number before its unit, what a percentage is as a share,
+ * and the bound that was passed.
+ * @param {string} words what was typed
+ * @param {string} fault as the service says it, "must be at least 0.1 and at most 1"
+ * @param {string} unit of the field
+ * @returns {string[]}
+ */
+export function offersOf(words, fault, unit) {
+  const [, figure = "", mark = ""] = /^([-+\d.,e]+)\s*(\D*)$/i.exec(words.trim()) ?? [];
+  const value = numberOf(figure);
+  if (!fault || typeof value !== "number") return [];
+  const found = (/** @type {RegExp} */ pattern) => Number(pattern.exec(fault)?.[1] ?? NaN);
+  const least = found(/(?:at least|number from|largest grain is(?: \S+ mm \()?) ?(-?\d[-+.\de]*)/);
+  const most = found(/(?:at most|from \S+ to) (-?\d[-+.\de]*)/);
+  const isShare = mark === "%" ? unit !== "%" : most === 1 && value > 1 && value <= 100;
+  if (isShare) return [rounded(value / 100), ...(mark ? [] : ["1"])];
+  if (mark && mark === unit) return [String(value)];
+  // What a mix states, and what of it is placed, are in proportion; the last digit is rounded down.
+  const placed = found(/have a volume fraction of ([\d.]+):/);
+  if (placed > most) return [rounded(Math.floor((value * most * 1e4) / placed) / 1e4)];
+  if (value > most) return [String(most)];
+  return value < least ? [String(least)] : [];
+}
+
+/** A number without what binary fractions add to it. @param {number} value */
+const rounded = (value) => String(Number(value.toPrecision(12)));
+
 /** @param {string} _ @param {any} value @param {{source?: string}} [context] how it was written, in newer browsers */
 function exactly(_, value, context) {
   const fault = typeof value === "number" ? faultOf(context?.source ?? "") : "";

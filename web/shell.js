@@ -3,7 +3,7 @@
  * script has run; this module marks the current page, shows the version of the service and who is signed in, and
  * shows problems that belong to no field.
  */
-import { within } from "./address.js";
+import { absolute, within } from "./address.js";
 import { get, Problem, signIn, signOut } from "./api.js";
 import { byId, h, replace, text } from "./dom.js";
 
@@ -17,6 +17,26 @@ export function shell() {
   }
   document.addEventListener("session", account);
   account();
+  foot();
+}
+
+/** Ends the page with the version of the service and links that help. */
+function foot() {
+  const version = h("span", {}, "Packstone");
+  get("/assets/version.json").then(
+    (document) => text(version, `Packstone ${document.version}`),
+    () => {},
+  );
+  const links = { "": "Documents", gallery: "Examples", glossary: "Glossary", failed: "My packing failed" };
+  document.body.append(
+    h(
+      "footer",
+      { class: "foot" },
+      version,
+      Object.entries(links).map(([page, words]) => h("a", { href: absolute(`/docs/${page}`) }, words)),
+      h("a", { href: absolute("/openapi.json") }, "Interface"),
+    ),
+  );
 }
 
 /** Shows the name of the key and a button to sign in or out, where the server asks for keys. */

@@ -51,6 +51,7 @@ mod properties;
 pub mod request;
 mod rng;
 mod run;
+pub mod samples;
 pub mod segregation;
 pub mod shape;
 pub mod solution;

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 32] = [
+const LAYERS: [&str; 33] = [
     "arrays",
     "cpu",
     "elementary",
@@ -37,6 +37,7 @@ const LAYERS: [&str; 32] = [
     "export",
     "solution",
     "template_cache",
+    "samples",
     "run",
 ];
 

@@ -9,8 +9,11 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use packstone_engine::request::PackingRequest;
+use packstone_engine::request::decode::FieldError;
+use packstone_engine::samples::ShapeSamples;
 use packstone_engine::{Limits, Plan, PlanError, TemplateCache};
 use serde::Serialize;
+use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 /// Most bytes of the kept plans.
@@ -44,6 +47,14 @@ impl Planner {
     /// A planner with the templates that others use.
     pub(crate) fn new(templates: Arc<TemplateCache>) -> Self {
         Self { plans: Mutex::new(Cache::new(PLAN_BYTES)), templates }
+    }
+
+    /// Grains of the shape in an object.
+    ///
+    /// # Errors
+    /// The faults of the object.
+    pub(crate) fn samples(&self, shape: &Value) -> Result<ShapeSamples, Vec<FieldError>> {
+        ShapeSamples::of_json(shape, &self.templates)
     }
 
     /// The plan of a request.

@@ -79,6 +79,8 @@ impl Contract {
                 200 if answer.path == "/openapi.json" => Ok(()),
                 // The web page is no part of it.
                 200 | 304 if is_of_pages(answer.path) => Ok(()),
+                // A browser gets a page.
+                404 if answer.content_type.is_some_and(|kind| essence(kind) == "text/html") => Ok(()),
                 404 | 405 => self.judge_problem(answer),
                 _ => Err("neither this path nor this method is documented".into()),
             };
@@ -187,7 +189,7 @@ pub(crate) fn essence(content_type: &str) -> &str {
 /// Whether a path is one of the web page, outside the interface.
 fn is_of_pages(path: &str) -> bool {
     let page = path.split('/').nth(1).unwrap_or_default();
-    ["", "jobs", "studies", "service", "assets"].contains(&page)
+    ["", "jobs", "studies", "service", "assets", "docs"].contains(&page)
 }
 
 fn is_json(media_type: &str) -> bool {

@@ -233,7 +233,7 @@ test("aggregates are added and removed by keyboard, and submitted", inBrowser, a
       name: "angular",
       share: 0.3,
       grading: { type: "fuller", d_max_mm: 16, exponent: 0.5 },
-      shape: { type: "polyhedron" },
+      shape: { type: "polyhedron", ratios: { type: "constant", elongation: 0.8, flatness: 0.8 } },
     },
   ]);
   assert.equal(await page.locator(".answer svg.chart path.main").count(), 1, "the curve of the whole mix");

@@ -2,7 +2,7 @@
 // wrong is said at its field, in view.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import { faultOf, listOf, numberOf, parse } from "../../web/numbers.js";
+import { faultOf, listOf, numberOf, offersOf, parse } from "../../web/numbers.js";
 import { inBrowser, openPage, SMALL, startBrowser, startServer } from "./harness.js";
 
 const REFUSED = /status of 4(00|22)/;
@@ -50,6 +50,30 @@ test("numbers are read with points and commas, and whole numbers exactly", () =>
   assert.match(faultOf("9007199254740993"), /^9007199254740993 is out of range/);
   assert.equal(parse(`{"seed": ${SEED}, "__proto__": 1}`).seed, SEED);
   assert.deepEqual(Object.keys(parse('{"__proto__": 1}')), ["__proto__"]);
+});
+
+test("values that can be are offered in place of those that cannot", () => {
+  for (const [words, fault, unit, offers] of /** @type {[string, string, string, string[]][]} */ ([
+    ["65", "65 is out of range: must be at least 1e-9 and at most 1", "", ["0.65", "1"]],
+    ["1,2", "1.2 is out of range: must be at least 1e-9 and at most 1", "", ["0.012", "1"]],
+    ["165", "165 is out of range: must be at least 1e-9 and at most 1", "", ["1"]],
+    ["65 %", "a text is not a number", "", ["0.65"]],
+    ["12 %", "a text is not a number", "%", ["12"]],
+    ["100 mm", "a text is not a number", "mm", ["100"]],
+    ["100 m", "a text is not a number", "mm", []],
+    ["-60", "-60 is out of range: must be at least 1e-6 and at most 1000000 mm", "mm", ["0.000001"]],
+    ["0.1", "0.1 is out of range: must be at least 0.25 mm, below which the grading says nothing", "mm", ["0.25"]],
+    ["3", "3 is out of range: must be a whole number from 6 to 60", "", ["6"]],
+    ["99", "99 is out of range: must be a whole number from 6 to 60", "", ["60"]],
+    ["10", "10 mm is too small: the largest grain is 16 mm, and must fit", "mm", ["16"]],
+    ["10", "10 mm is too small: the largest grain is 16 mm (17 mm with its distance), and must fit", "mm", ["17"]],
+    ["0.9", "the grains to place have a volume fraction of 0.4500: spheres fill at most 0.3; lower it", "", ["0.6"]],
+    ["20", "20 is out of range: must be less than the largest diameter 16 mm", "mm", []],
+    ["", "is missing", "mm", []],
+    ["0.5", "", "", []],
+  ])) {
+    assert.deepEqual(offersOf(words, fault, unit), offers, `${words}: ${fault}`);
+  }
 });
 
 test("lists are read with decimal commas, or refused where they can be read in two ways", () => {

@@ -233,3 +233,87 @@ for (const options of [[], ["--base-path", "/packstone"]]) {
     }
   });
 }
+
+for (const options of [[], ["--base-path", "/packstone"]]) {
+  test(`documents are pages, with the options ${JSON.stringify(options)}`, inBrowser, async () => {
+    const [server, browser] = await Promise.all([startServer(options), startBrowser()]);
+    const proxy = await proxyBelowPath(server.url);
+    try {
+      const { page, clean, close } = await openPage(browser, `${proxy.url}/`);
+      await page.waitForSelector("#answer dl");
+      await page.click('nav a:text-is("Documents")');
+      await page.waitForURL(/\/packstone\/docs\/$/);
+      await page.click('main a:text-is("glossary")');
+      await page.waitForURL(/\/packstone\/docs\/glossary$/);
+      await page.click('main a[href="shapes#sizes"]');
+      await page.waitForURL(/\/packstone\/docs\/shapes#sizes$/);
+      await page.click('.contents a:text-is("Gallery")');
+      await page.waitForURL(/\/packstone\/docs\/gallery$/);
+      await page.waitForFunction(() => {
+        const picture = /** @type {HTMLImageElement | null} */ (document.querySelector("main img"));
+        return picture?.complete && picture.naturalWidth > 0;
+      });
+      // An example opens in the form.
+      await page.click('main a[href="../?example=dice"] >> nth=0');
+      await page.waitForSelector("#answer dl");
+      assert.equal(await page.inputValue("#template"), "cube");
+      const foot = await page.innerText("footer");
+      assert.match(foot, /Packstone \d+\.\d+\.\d+/);
+      await page.click('footer a:text-is("Glossary")');
+      await page.waitForURL(/\/packstone\/docs\/glossary$/);
+      clean();
+      await close();
+    } finally {
+      proxy.end();
+      await browser.close();
+      await server.end();
+    }
+  });
+}
+
+for (const [scheme, width] of /** @type {["light" | "dark", number][]} */ ([
+  ["light", 1280],
+  ["dark", 390],
+])) {
+  test(`documents and the page for wrong addresses are accessible, ${scheme}, ${width} px`, inBrowser, async () => {
+    const [server, browser] = await Promise.all([startServer(), startBrowser()]);
+    try {
+      const missing = /status of 404/;
+      const { page, clean, accessible, close } = await openPage(browser, `${server.url}/docs/`, {
+        scheme,
+        width,
+        allow: missing,
+      });
+      for (const path of [
+        "/docs/",
+        "/docs/mixes",
+        "/docs/gallery",
+        "/docs/tutorial/",
+        "/none",
+        "/none/at/all",
+        "/docs/none",
+      ]) {
+        const answer = await page.goto(server.url + path);
+        const isThere = path.startsWith("/docs/") && path !== "/docs/none";
+        assert.equal(answer?.status(), isThere ? 200 : 404, path);
+        await accessible();
+        const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+        assert.ok(overflow <= 0, `${path} is ${overflow} px too wide`);
+        if (isThere) continue;
+        assert.match(await page.innerText("h1"), /no such page/);
+        await page.click("main a >> nth=0");
+        await page.waitForSelector("#answer dl");
+      }
+      clean();
+      await close();
+      // Programs get a problem document.
+      for (const accept of ["*/*", "application/json"]) {
+        const answer = await fetch(`${server.url}/none`, { headers: { accept } });
+        assert.equal(answer.headers.get("content-type"), "application/problem+json");
+      }
+    } finally {
+      await browser.close();
+      await server.end();
+    }
+  });
+}

@@ -17,7 +17,7 @@ pub mod presets;
 pub mod proportions;
 mod read;
 #[cfg(feature = "openapi")]
-mod schema;
+pub(crate) mod schema;
 pub mod segregation;
 pub mod shape;
 mod sieves;

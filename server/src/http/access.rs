@@ -41,7 +41,8 @@ enum Named {
 pub(crate) const UNKNOWN_ROUTE: &str = "unknown";
 
 /// Routes whose answer is computed from the body of a request, of which nothing is stored.
-pub(crate) const COMPUTING_ROUTES: [&str; 3] = ["/v1/plans", "/v1/mixes/read", "/v1/mixes/blend"];
+pub(crate) const COMPUTING_ROUTES: [&str; 4] =
+    ["/v1/plans", "/v1/mixes/read", "/v1/mixes/blend", "/v1/shapes"];
 
 fn needs(method: &Method, route: &str) -> (Right, Named) {
     let reads = [Method::GET, Method::HEAD].contains(method);

@@ -37,6 +37,7 @@ mod results;
 mod router;
 mod service;
 mod session;
+mod shapes;
 mod storage;
 mod studies;
 mod submission;

@@ -55,6 +55,7 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
         .get::<MatchedPath>()
         .map_or_else(|| access::UNKNOWN_ROUTE.into(), |m| m.as_str().to_owned());
     let path: String = request.uri().path().chars().take(MAX_LOGGED_CHARS).collect();
+    let not_found = web::NotFound::of(&app, &method, request.uri(), request.headers());
     let client = client_address(&request, app.shared.trust_proxy);
     let agent = logged(request.headers(), header::USER_AGENT.as_str());
     let span = tracing::info_span!("request", request_id = id, %method, path);
@@ -103,6 +104,11 @@ pub(crate) async fn observe(State(app): State<App>, mut request: Request, next: 
     let status = response.status();
     if status.is_client_error() || status.is_server_error() {
         response = write_problem(response, &id);
+        if let Some(page) = &not_found
+            && (route == access::UNKNOWN_ROUTE || web::is_of_pages(&route))
+        {
+            response = page.in_place_of(response);
+        }
     }
     if let Some(told) = audited.and_then(|audited| audited.answered(&response)) {
         told.await;

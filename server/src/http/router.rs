@@ -16,7 +16,8 @@ use crate::base_path;
 use crate::http::app::App;
 use crate::http::response::protect;
 use crate::http::{
-    contract, events, exports, jobs, leases, mixes, observe, results, service, session, studies, web, workers,
+    contract, events, exports, jobs, leases, mixes, observe, results, service, session, shapes, studies, web,
+    workers,
 };
 use crate::problem::{Kind, Problem};
 
@@ -56,6 +57,7 @@ routes! {
     post "/v1/plans" => jobs::plans: plan,
     post "/v1/mixes/read" => mixes: read,
     post "/v1/mixes/blend" => mixes: blend,
+    post "/v1/shapes" => shapes: sample,
     get "/v1/jobs/{id}/events" => jobs::events: events,
     post "/v1/jobs/{id}/cancel" => jobs::actions: cancel,
     post "/v1/jobs/{id}/finish" => jobs::actions: finish,

@@ -24,6 +24,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 pub use columns::Column;
 pub use load::{Difference, descending, difference, load, loaded_bytes};
 pub use source::{GrainSource, Table};
+pub(crate) use surfaces::surface_of;
 pub use templates::{TemplateRecord, read as read_templates};
 pub use text::GrainTable;
 

@@ -24,7 +24,7 @@ use crate::export::ExportError;
 use crate::export::vtk_xml::Sink;
 use crate::geometry::convex::{Convex, Skin, SkinPoint};
 use crate::request::GrainKind;
-use crate::shape::{Polyhedron, Pose};
+use crate::shape::{Polyhedron, Pose, Solid};
 
 /// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 320.
 const BALL_DIVISIONS: u32 = 2;
@@ -165,6 +165,29 @@ pub(super) fn ball() -> (Vec<Vector3<f64>>, Vec<Vec<u32>>) {
         triangles = triangles.iter().flat_map(&mut divided).collect();
     }
     (points, triangles)
+}
+
+/// The surface of a grain: its points in mm, and its polygons by them, counter-clockwise as seen from outside.
+pub(crate) struct GrainSurface {
+    pub(crate) points: Vec<[f64; 3]>,
+    pub(crate) polygons: Vec<Vec<u32>>,
+}
+
+/// The surface of one grain; `None` where there is no such template.
+pub(crate) fn surface_of(solid: &Solid, templates: &[Polyhedron], pose: &Pose) -> Option<GrainSurface> {
+    let (surface, semi_axes_mm) = match solid {
+        Solid::Ellipsoid(ellipsoid) => (Surface::of_ball(), ellipsoid.semi_axes_mm()),
+        Solid::Polyhedron { template, .. } => {
+            (Surface::of_template(templates.get(*template as usize)?), Vector3::zeros())
+        }
+    };
+    let mut points = Vec::with_capacity(surface.len());
+    let mut keep = |point| {
+        points.push(point);
+        Ok(())
+    };
+    surface.for_each_point(pose, solid.d_mm(), &semi_axes_mm, &mut keep).ok()?;
+    Some(GrainSurface { points, polygons: surface.polygons })
 }
 
 /// The surfaces of all grains.

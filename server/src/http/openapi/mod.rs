@@ -3,6 +3,7 @@
 
 use packstone_engine::export::slice::SliceDocument;
 use packstone_engine::request::BlendRequest;
+use packstone_engine::samples::SampleRequest;
 use serde_json::{Map, Value, json};
 use utoipa::OpenApi as _;
 use utoipa::openapi::OpenApi;
@@ -63,6 +64,7 @@ fn finished(document: &OpenApi) -> Value {
         strict::apply::<JobRequest>(schemas);
         strict::apply::<Study>(schemas);
         strict::apply::<BlendRequest>(schemas);
+        strict::apply::<SampleRequest>(schemas);
         schemas.sort_keys();
     }
     value

@@ -23,7 +23,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; i
                       base-uri 'none'; form-action 'self'; frame-ancestors 'none'; require-trusted-types-for 'script'";
 
 /// Header fields of every page and asset, beside those of the cache.
-const SAFETY: [(HeaderName, &str); 4] = [
+pub(super) const SAFETY: [(HeaderName, &str); 4] = [
     (header::CONTENT_SECURITY_POLICY, POLICY),
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
@@ -60,6 +60,15 @@ impl WebFile {
     /// The file of that name with the bytes that these are with gzip.
     pub(crate) fn compiled(name: &str, gzip: &'static [u8]) -> Self {
         Self::of_forms(name, plain(gzip).into(), Some(Bytes::from_static(gzip)))
+    }
+
+    /// The file of the documents of that name with these bytes, which are its own or those with gzip.
+    pub(crate) fn of_document(name: &str, bytes: &'static [u8]) -> Self {
+        if name.rsplit('.').next() == Some("png") {
+            Self::of_forms(name, Bytes::from_static(bytes), None)
+        } else {
+            Self::compiled(name, bytes)
+        }
     }
 
     fn of_forms(name: &str, bytes: Bytes, gzip: Option<Bytes>) -> Self {

@@ -1,10 +1,15 @@
 //! The web page: HTML, style sheets and scripts under fixed names, compiled in without their comments and indentation
 //! (`build/web.rs`) or, for development, from a folder as they are.
 //!
+//! Below `/docs/` lie the documents of the repository as pages, and beside the assets the examples with their pictures
+//! (`build/documents.rs`), always those of the binary. A browser that asks for an address that does not exist gets a
+//! page.
+//!
 //! Pages hold no data, so that they are open without an API key; their scripts ask the published interface, with a key
 //! or a session. They are not part of the contract of the interface.
 
 mod file;
+mod not_found;
 mod table;
 
 use std::io::{self, Read as _};
@@ -13,21 +18,26 @@ use std::path::PathBuf;
 use axum::Router;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
-use axum::response::Response;
+use axum::response::{Redirect, Response};
 use axum::routing::get;
 
+use crate::base_path;
 use crate::blobs::open_regular;
 use crate::http::app::App;
 use crate::http::problems::of_fault;
 use crate::jobs::store::Fault;
 use crate::problem::{Kind, Problem};
 use crate::tasks;
-use crate::web_files::FILES;
+use crate::web_files::{FILES, document};
 use file::WebFile;
+pub(crate) use not_found::NotFound;
 use table::PAGES;
 
 /// The route of style sheets, scripts and pictures.
 const ASSETS: &str = "/assets/{*name}";
+
+/// The routes of documents.
+const DOCUMENT_ROUTES: [&str; 3] = ["/docs", "/docs/", "/docs/{*path}"];
 
 /// Longest file of a folder that is read.
 const MOST_BYTES: u64 = 16 << 20;
@@ -89,7 +99,7 @@ fn read(path: &std::path::Path) -> io::Result<Vec<u8>> {
 
 /// Whether a route is one of the pages or of what they use.
 pub(crate) fn is_of_pages(route: &str) -> bool {
-    route == ASSETS || PAGES.iter().any(|(page, _)| *page == route)
+    route == ASSETS || DOCUMENT_ROUTES.contains(&route) || PAGES.iter().any(|(page, _)| *page == route)
 }
 
 /// Adds the pages and their files, if this server has any.
@@ -101,7 +111,23 @@ pub(crate) fn add_to(mut router: Router<App>, app: &App) -> Router<App> {
         let page = move |State(app): State<App>, headers: HeaderMap| answer(app, file, headers);
         router = router.route(route, get(page));
     }
-    router.route(ASSETS, get(asset))
+    let [bare, index, documents] = DOCUMENT_ROUTES;
+    router
+        .route(ASSETS, get(asset))
+        // The addresses of its links are relative to a folder.
+        .route(bare, get(|| async { Redirect::permanent(&base_path::absolute("/docs/")) }))
+        .route(index, get(|headers: HeaderMap| async move { of_documents("docs/", &headers) }))
+        .route(documents, get(one_document))
+}
+
+async fn one_document(Path(path): Path<String>, headers: HeaderMap) -> Result<Response, Problem> {
+    of_documents(&format!("docs/{path}"), &headers)
+}
+
+/// A file that was made of the documents and examples.
+fn of_documents(name: &str, headers: &HeaderMap) -> Result<Response, Problem> {
+    let bytes = document(name).ok_or_else(|| Problem::new(Kind::NotFound, "there is no such document"))?;
+    Ok(WebFile::of_document(name, bytes).answer(headers))
 }
 
 async fn asset(
@@ -109,6 +135,9 @@ async fn asset(
     Path(name): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    if ["gallery.json", "version.json"].contains(&&*name) || name.starts_with("gallery/") {
+        return of_documents(&name, &headers);
+    }
     // Pages have addresses of their own.
     let is_page = PAGES.iter().any(|(_, file)| *file == name);
     answer(app, if is_page { "" } else { &name }, headers).await

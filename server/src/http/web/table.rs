@@ -12,23 +12,35 @@ pub(super) const PAGES: [(&str, &str); 7] = [
 ];
 
 /// Media types by the ends of names.
-const MEDIA_TYPES: [(&str, &str); 4] = [
+const MEDIA_TYPES: [(&str, &str); 13] = [
     ("html", "text/html; charset=utf-8"),
     ("css", "text/css; charset=utf-8"),
     ("js", "text/javascript; charset=utf-8"),
     ("svg", "image/svg+xml"),
+    ("png", "image/png"),
+    ("json", "application/json"),
+    ("ipynb", "application/json"),
+    ("csv", "text/csv; charset=utf-8"),
+    ("py", PLAIN),
+    ("inp", PLAIN),
+    ("m", PLAIN),
+    ("cff", PLAIN),
+    ("sh", PLAIN),
 ];
+
+const PLAIN: &str = "text/plain; charset=utf-8";
 
 /// The media type of a file of the table.
 pub(super) fn media_type(name: &str) -> &'static str {
-    let end = name.rsplit('.').next().unwrap_or_default();
+    // Pages made of documents have no ending.
+    let Some((_, end)) = name.rsplit_once('.') else { return MEDIA_TYPES[0].1 };
     MEDIA_TYPES.iter().find(|(of, _)| *of == end).map_or("application/octet-stream", |(_, found)| found)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::web_files::FILES;
+    use crate::web_files::{DOCUMENTS, FILES};
 
     #[test]
     fn every_page_has_its_file_and_every_file_a_media_type() {
@@ -38,7 +50,7 @@ mod tests {
                 "{route} has the file {file}, which is not there"
             );
         }
-        for (name, _) in FILES {
+        for (name, _) in FILES.iter().chain(DOCUMENTS) {
             assert_ne!(media_type(name), "application/octet-stream", "{name}");
         }
     }
