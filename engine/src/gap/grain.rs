@@ -102,6 +102,12 @@ pub trait Turned: Copy + Debug {
     /// Whether the body is a sphere: a rotation changes nothing, and gaps lie along the line of the centres.
     const IS_SPHERE: bool = false;
 
+    /// Whether this body is a sphere, among others that need not be.
+    #[inline(always)]
+    fn is_sphere(&self) -> bool {
+        Self::IS_SPHERE
+    }
+
     /// Shape matrix of an ellipsoid that holds the body, in mm².
     fn around(&self) -> Symmetric;
 

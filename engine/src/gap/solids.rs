@@ -9,10 +9,11 @@ use super::ellipsoids::{self, Gap};
 use super::grain::{ConvexShape, Decision, Orientation, PushContact, Turned};
 use super::linear::{Symmetric, Vector, norm, scaled};
 use super::polyhedra::{self, Contact, Core, Pair, TurnedPolyhedron};
+use super::spheres::{Ball, Sphere};
 use super::walls;
 use crate::arrays::Each as _;
 use crate::request::Specimen;
-use crate::shape::{Pose, SolidRef};
+use crate::shape::{Ellipsoid, Pose, SolidRef};
 
 /// A grain in its place.
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +115,8 @@ fn of_both<'a>(
 /// A grain of either kind, turned.
 #[derive(Clone, Copy, Debug)]
 pub enum TurnedSolid<'a> {
+    /// A sphere, which most grains of a mixture may be.
+    Ball(Ball),
     /// An ellipsoid by its shape matrix.
     Ellipsoid(Symmetric),
     /// A polyhedron.
@@ -134,6 +137,7 @@ macro_rules! of_shape {
 macro_rules! of_turned {
     ($of:expr, $turned:ident => $value:expr) => {
         match $of {
+            TurnedSolid::Ball($turned) => $value,
             TurnedSolid::Ellipsoid($turned) => $value,
             TurnedSolid::Polyhedron($turned) => $value,
         }
@@ -222,14 +226,33 @@ impl<'a> ConvexShape for SolidRef<'a> {
     #[inline(always)]
     fn turned(&self, rows: &[Vector; 3]) -> TurnedSolid<'a> {
         match self {
-            Self::Ellipsoid(shape) => TurnedSolid::Ellipsoid(shape.turned(rows)),
+            Self::Ellipsoid(shape) => match sphere_of(shape) {
+                Some(sphere) => TurnedSolid::Ball(sphere.turned(rows)),
+                None => TurnedSolid::Ellipsoid(shape.turned(rows)),
+            },
             Self::Polyhedron(shape) => TurnedSolid::Polyhedron(shape.turned(rows)),
+        }
+    }
+}
+
+impl TurnedSolid<'_> {
+    /// The same; a sphere as an ellipsoid.
+    #[inline(always)]
+    fn of_two_kinds(&self) -> Self {
+        match self {
+            Self::Ball(ball) => Self::Ellipsoid(ball.around()),
+            other => *other,
         }
     }
 }
 
 impl Turned for TurnedSolid<'_> {
     const IS_ELLIPSOID: bool = false;
+
+    #[inline(always)]
+    fn is_sphere(&self) -> bool {
+        matches!(self, Self::Ball(_))
+    }
 
     #[inline(always)]
     fn around(&self) -> Symmetric {
@@ -254,6 +277,10 @@ impl Turned for TurnedSolid<'_> {
             (Self::Polyhedron(a), Self::Ellipsoid(b)) => {
                 let found = decide_both(b, a, opposite(r), gap_mm, opposite(normal));
                 Decision { normal: opposite(found.normal), ..found }
+            }
+            (Self::Ball(a), Self::Ball(b)) => a.decide(b, r, gap_mm, normal),
+            (Self::Ball(_), _) | (_, Self::Ball(_)) => {
+                self.of_two_kinds().decide(&other.of_two_kinds(), r, gap_mm, normal)
             }
         }
     }
@@ -283,12 +310,26 @@ impl Turned for TurnedSolid<'_> {
                     arms_mm: [arm_a, arm_b],
                 }
             }
+            (Self::Ball(a), Self::Ball(b)) => {
+                let along = scaled(r, 1.0 / norm(r));
+                a.contact(b, r, gap_mm, along, turns)
+            }
+            (Self::Ball(_), _) | (_, Self::Ball(_)) => {
+                self.of_two_kinds().contact(&other.of_two_kinds(), r, gap_mm, normal, turns)
+            }
         }
     }
 
     fn reach_across_mm(&self, from_axis_mm: [f64; 2]) -> (f64, Vector) {
         of_turned!(self, turned => turned.reach_across_mm(from_axis_mm))
     }
+}
+
+/// The sphere that an ellipsoid is, if it is one.
+#[inline(always)]
+fn sphere_of(shape: &Ellipsoid) -> Option<Sphere> {
+    let axes = shape.semi_axes_mm();
+    (axes.x == axes.z).then(|| Sphere { d_mm: 2.0 * axes.x })
 }
 
 #[inline(always)]

@@ -159,7 +159,8 @@ impl Edmd<'_> {
                 if matches!(ended, Ended::As(_)) && self.settle_exactly(&mut run, &protocols[0], &rule)? {
                     ended = Ended::As(GrowthEnd::Target);
                 }
-                if ended != Ended::As(GrowthEnd::Stalled) || !run.expand(&protocols[0]) {
+                let is_stalled = ended == Ended::As(GrowthEnd::Stalled);
+                if !is_stalled || !(run.expand(&protocols[0]) || run.grow_again(&frame, &protocols[0])?) {
                     break;
                 }
             }
@@ -176,6 +177,7 @@ impl Edmd<'_> {
             Ended::OutOfMemory(refused) => return Err(refused.into()),
         };
         run.keep_last(&frame, end);
+        run.go_back(&protocols[0]);
         // With the time before a checkpoint.
         let edmd_s = before_s - run.rsa_s + growing.elapsed().as_secs_f64();
         let counted = run.statistics(&frame, end, edmd_s);

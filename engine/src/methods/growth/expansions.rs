@@ -6,7 +6,7 @@
 /// Share of its scale that a packing is expanded by.
 pub(crate) const EXPANSION: f64 = 3e-3;
 /// Expansions of a run.
-pub(crate) const MOST_EXPANSIONS: u64 = 12;
+const MOST_EXPANSIONS: u64 = 12;
 
 /// The expansions of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -13,8 +13,6 @@ use crate::memory::OutOfMemory;
 use crate::packing::{GrowthEnd, GrowthPoint, RsaStatistics, Statistics};
 
 pub(crate) use curve::Curve;
-#[cfg(test)]
-pub(crate) use expansions::MOST_EXPANSIONS;
 pub(crate) use expansions::{EXPANSION, Expansions};
 pub(crate) use start::{START_ATTEMPTS, Started, start};
 

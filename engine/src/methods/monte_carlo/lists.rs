@@ -183,7 +183,7 @@ impl Lists {
         if r2 >= far * far {
             return None;
         }
-        if S::Turned::IS_SPHERE {
+        if one.turned.is_sphere() && other.turned.is_sphere() {
             return Some(scaled(r, 1.0 / r2.sqrt()));
         }
         let per_shrink = 1.0 / shrink;

@@ -32,7 +32,7 @@ use std::time::Instant;
 use crate::control::{Control, Part, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::domain::Domain;
-use crate::elementary::cbrt;
+use crate::elementary::{cbrt, ln};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::geometry::images::Images;
 use crate::methods::growth::{Begun, Interrupted, Outcome, START_ATTEMPTS, Started, ToJamming, start};
@@ -54,6 +54,12 @@ const BEYOND_TARGET: f64 = 1.0 + 1e-9;
 const START_FRACTION: f64 = 0.5;
 /// The same for polyhedra.
 const START_FRACTION_ANGULAR: f64 = 0.48;
+/// The same for grains of one size, and how much it rises with the standard deviation of `ln d` by volume: small grains
+/// fit between large ones.
+const START_FRACTION_EQUAL: f64 = 0.26;
+const START_FRACTION_PER_SPREAD: f64 = 0.6;
+/// Volume over that of the sphere around a grain below which it falls.
+const COMPACT: f64 = 0.3;
 /// Largest scale to start from without being told.
 const MOST_START: f64 = 0.98;
 /// A start that finds no place for a grain is tried again at this share of its size.
@@ -184,7 +190,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         };
         let fraction = self.shapes.iter().map(with_gap).sum::<f64>() / self.domain.volume_mm3;
         let most = if self.maximize.is_some() { BEYOND_TARGET } else { MOST_START };
-        let first = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
+        let first = start_fraction(self.shapes);
         let scale = self.initial_scale.unwrap_or(cbrt(first / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
         let part = Part::new(control, 0.0, START_SHARE);
@@ -225,4 +231,30 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         (run.rsa, run.rsa_s) = (statistics, rsa_s);
         Ok(Begun::Run(Box::new(run)))
     }
+}
+
+/// Volume fraction, gaps included, up to which random addition of these shapes takes no time: less where they have one
+/// size, so that none fits between the others, and where they fill little of the spheres around them. The packings of
+/// spheres keep the start that they had.
+fn start_fraction<S: ConvexShape>(shapes: &[S]) -> f64 {
+    if S::Turned::IS_SPHERE {
+        return START_FRACTION;
+    }
+    let most = if S::Turned::IS_ELLIPSOID { START_FRACTION } else { START_FRACTION_ANGULAR };
+    let compactness = by_volume(shapes, &|shape| shape.volume_mm3() / sphere_volume(2.0 * shape.outer_mm()));
+    let by_shape = (compactness / COMPACT).min(1.0).sqrt();
+    (START_FRACTION_EQUAL + START_FRACTION_PER_SPREAD * spread(shapes)).min(most) * by_shape
+}
+
+/// Standard deviation of `ln d` by volume.
+fn spread<S: ConvexShape>(shapes: &[S]) -> f64 {
+    let size = |shape: &S| ln(shape.equivalent_diameter_mm());
+    let mean = by_volume(shapes, &size);
+    by_volume(shapes, &|shape| (size(shape) - mean).powi(2)).sqrt()
+}
+
+/// A mean by volume.
+fn by_volume<S: ConvexShape>(shapes: &[S], of: &dyn Fn(&S) -> f64) -> f64 {
+    let volume = shapes.iter().map(S::volume_mm3).sum::<f64>();
+    shapes.iter().map(|shape| shape.volume_mm3() * of(shape)).sum::<f64>() / volume
 }

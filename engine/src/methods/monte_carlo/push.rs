@@ -15,25 +15,32 @@ use crate::gap::grain::{ConvexShape, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
 use crate::memory::{Blocks, OutOfMemory, collected, refill};
 
-/// How far pairs that overlap are pushed apart.
+/// How pairs that overlap are pushed apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Strength {
-    /// Share of the depth,
+    /// How far: a share of the depth,
     beyond: f64,
     /// and of the diameter of the smaller grain in the first sweep of a cycle, beyond their gap. Grains that were
     /// pushed until they just touch have no room for a move, and the next growth makes them all overlap again: equal
     /// ellipsoids stalled at a volume fraction of 0.63 with the least share from the first sweep.
     first_beyond_d: f64,
+    /// Most sweeps in a cycle, while the packing is loose enough to grow fast, and later on, when moves and swaps gain
+    /// more for their time.
+    most_sweeps: [u32; 2],
 }
 
 impl Strength {
-    /// That of growth as long as it goes on.
-    pub(super) const LIGHT: Self = Self { beyond: 1.05, first_beyond_d: 0.02 };
-    /// That of grains which light pushes hardly bring any further: beyond the depth (successive over-relaxation) fewer
-    /// sweeps of pushes end the overlaps. 200 equal tetrahedra had a volume fraction of 0.569 after 3000 sweeps of
-    /// moves with light pushes, of 0.594 with the larger share of the depth, and of 0.614 with both (means of two
-    /// seeds).
-    pub(super) const HARD: Self = Self { beyond: 1.8, first_beyond_d: 0.04 };
+    /// That of spheres; of ellipsoids while they grow fast, and once hard pushes bring them no further.
+    pub(super) const LIGHT: Self = Self { beyond: 1.05, first_beyond_d: 0.02, most_sweeps: [32, 16] };
+    /// The same of polyhedra, which need more sweeps while they are loose.
+    pub(super) const LIGHT_ANGULAR: Self = Self { most_sweeps: [64, 16], ..Self::LIGHT };
+    /// That of polyhedra: beyond the depth (successive over-relaxation) fewer sweeps of pushes end the overlaps, and
+    /// grains that are apart after a cycle turn past each other in the moves of the next one.
+    pub(super) const HARD_ANGULAR: Self = Self { beyond: 1.8, first_beyond_d: 0.04, most_sweeps: [64, 32] };
+    /// The same where grains of a size jam each other, or most grains are spheres.
+    pub(super) const HARD_ANGULAR_WIDE: Self = Self { first_beyond_d: 0.1, ..Self::HARD_ANGULAR };
+    /// That of ellipsoids, which turn little when they are pushed: more of the depth leaves them looser.
+    pub(super) const HARD: Self = Self { beyond: 1.3, first_beyond_d: 0.06, most_sweeps: [32, 48] };
 }
 
 /// The factor on the share of the diameter in each further sweep, and the least share.
@@ -81,7 +88,8 @@ pub(super) struct Pusher {
 }
 
 impl Pusher {
-    /// Makes the system tighter and pushes for so many sweeps at most. [`Self::undo`] goes back to before.
+    /// Makes the system tighter and pushes for as many sweeps at most as the strength has of a packing that grows fast or
+    /// no longer does. [`Self::undo`] goes back to before.
     ///
     /// # Errors
     /// When the system refuses memory.
@@ -90,9 +98,11 @@ impl Pusher {
         system: &mut System<impl ConvexShape>,
         by: Tighten,
         strength: Strength,
-        most_sweeps: u32,
+        is_fast: bool,
     ) -> Result<Pushed, OutOfMemory> {
         (self.beyond, self.beyond_d) = (strength.beyond, strength.first_beyond_d);
+        let [fast, slow] = strength.most_sweeps;
+        let most_sweeps = if is_fast { fast } else { slow };
         let n = system.len();
         let both = system.hot.iter().zip(&system.cold);
         self.saved =
@@ -460,6 +470,12 @@ impl<S: ConvexShape> System<S> {
         let gap = self.gap(a.d, b.d);
         let (n, [h_a, h_b], [arm_a, arm_b]) = (contact.normal, contact.supports_mm, contact.arms_mm);
         let lacks = gap + h_a + h_b - dot(r, n);
+        // Spheres do not turn past each other.
+        let [beyond, beyond_d] = if !S::Turned::IS_SPHERE && a.turned.is_sphere() && b.turned.is_sphere() {
+            [Strength::LIGHT.beyond, beyond_d]
+        } else {
+            [beyond, beyond_d]
+        };
         let by = beyond * lacks + beyond_d * a.d.min(b.d);
         let (pushed_a, pushed_b) = (self.inertia(i, &a, arm_a, n), self.inertia(j, &b, arm_b, n));
         let share = by / (pushed_a.weight + pushed_b.weight);
@@ -473,7 +489,7 @@ impl<S: ConvexShape> System<S> {
     pub(super) fn inertia(&self, i: usize, hot: &Hot<S::Turned>, arm: Vector, n: Vector) -> Impulse {
         let cold = &self.cold[i];
         let per_mass = 1.0 / hot.d;
-        if S::Turned::IS_SPHERE {
+        if hot.turned.is_sphere() {
             return Impulse { per_mass, weight: per_mass, turn: [0.0; 3] };
         }
         let moment = cross(arm, n);
@@ -490,7 +506,7 @@ impl<S: ConvexShape> System<S> {
     #[inline(always)]
     pub(super) fn displace(&mut self, i: usize, by: Vector, turn: Vector) {
         let center = sum(self.hot[i].center, by);
-        let orientation = Self::turned(self.cold[i].orientation, turn);
+        let orientation = self.turned(i, turn);
         if self.skin_used(i, center, orientation) > self.cold[i].skin {
             self.held += 1;
             self.cold[i].list.mark_held(true);

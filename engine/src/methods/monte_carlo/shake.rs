@@ -101,7 +101,7 @@ fn sweep_with<I: InstructionSet, S: ConvexShape>(
         let [x, t] = six(rng);
         let angle = TURN * step / cold.shape.outer_mm();
         let center = [0, 1, 2].each(|a| hot.center[a] + step * x[a]);
-        let orientation = System::<S>::turned(cold.orientation, t.each(|t| angle * t));
+        let orientation = system.turned(i, t.each(|t| angle * t));
         if system.skin_used(i, center, orientation) > SKIN_SHARE * cold.skin {
             system.cold[i].step *= SKIN_NARROWER;
             continue;

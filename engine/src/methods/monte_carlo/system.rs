@@ -294,10 +294,11 @@ impl<S: ConvexShape> System<S> {
         self.cold[i].orientation = orientation;
     }
 
-    /// The orientation of a grain turned by a small rotation vector.
+    /// The orientation of a grain turned by a small rotation vector. Of a sphere it stays.
     #[inline(always)]
-    pub(super) fn turned(orientation: Orientation, by: Vector) -> Orientation {
-        if S::Turned::IS_SPHERE { orientation } else { turned(orientation, by) }
+    pub(super) fn turned(&self, i: usize, by: Vector) -> Orientation {
+        let orientation = self.cold[i].orientation;
+        if self.hot[i].turned.is_sphere() { orientation } else { turned(orientation, by) }
     }
 
     /// How far a pose has come out of where the list of a grain was built: the displacement, and what the rotation adds
@@ -306,7 +307,7 @@ impl<S: ConvexShape> System<S> {
     pub(super) fn skin_used(&self, i: usize, center: Vector, q: Orientation) -> f64 {
         let cold = &self.cold[i];
         let x = [0, 1, 2].each(|a| center[a] - cold.listed_center[a]);
-        if S::Turned::IS_SPHERE {
+        if self.hot[i].turned.is_sphere() {
             return dot(x, x).sqrt();
         }
         let p = cold.listed_orientation;

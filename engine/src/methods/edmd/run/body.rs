@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use super::again::Again;
 use super::{ENERGY_DRIFT, Frame, Run, Stage};
 use crate::memory::{collected, filled};
 use crate::methods::edmd::growth_protocol::GrowthProtocol;
@@ -27,6 +28,8 @@ impl Run {
             self.pinned_grains,
             self.resumes,
             self.expansions.number,
+            self.again.number,
+            self.again.from,
             self.swaps.tried,
             self.swaps.accepted,
             counts.grain_collisions,
@@ -43,6 +46,7 @@ impl Run {
         for value in [
             self.size,
             self.expansions.jammed_at,
+            self.again.best,
             self.first_size,
             self.pressure,
             self.events_per_time,
@@ -59,6 +63,9 @@ impl Run {
         for a in 0..3 {
             out.f64s(hot.iter().map(|hot| hot.position[a]))?;
             out.f64s(hot.iter().map(|hot| hot.velocity[a]))?;
+        }
+        for a in 0..3 {
+            out.f64s(self.again.places.iter().map(|place| place[a]))?;
         }
         out.f64s(self.system.cold.iter().map(|cold| cold.skin))?;
         let met = |cold: &Cold| u32::from(cold.collisions) | u32::from(cold.rebuilds) << 16;
@@ -77,6 +84,7 @@ impl Run {
         let stage = if whole()? == 1 { Stage::Length } else { Stage::Scale };
         let (cycles, rescalings, pinned_grains, resumes) = (whole()?, whole()?, whole()?, whole()?);
         let number = whole()?;
+        let (times, from) = (whole()?, whole()?);
         let (tried, accepted) = (whole()?, whole()?);
         let counts = Counts {
             grain_collisions: whole()?,
@@ -87,7 +95,7 @@ impl Run {
         };
         let rsa =
             RsaStatistics { attempts: whole()?, grains_by_subdivision: whole()?, voxels_tested: whole()? };
-        let (size, jammed_at) = (input.f64()?, input.f64()?);
+        let (size, jammed_at, best) = (input.f64()?, input.f64()?, input.f64()?);
         let protocol = &protocols[usize::from(stage == Stage::Length)];
         let n = protocol.radii_mm.len();
         let mut run = Self::new(frame, protocol, stage, size, &filled(n, [0.0; 3])?)?;
@@ -115,6 +123,14 @@ impl Run {
                 hot.velocity[a] = velocities[i];
             }
         }
+        let places = [input.f64s()?, input.f64s()?, input.f64s()?];
+        let kept = if times > 0 { n } else { 0 };
+        if places.iter().any(|column| column.len() != kept) {
+            return Err(invalid());
+        }
+        let places = collected((0..kept).map(|rank| [0, 1, 2].map(|a| places[a][rank])))?;
+        run.again = Again { number: times, from, best, places };
+        run.pace(frame, protocol);
         let skin = same(input.f64s()?)?;
         let collisions = input.u32s()?;
         let rank = input.u32s()?;
@@ -154,6 +170,8 @@ impl Run {
         let inside = |position: &[f64; 3]| (0..3).all(|a| near(position[a], bounds[a] / 2.0, 3.0));
         sizes.contains(&self.size)
             && (0.0..=1.0).contains(&self.expansions.jammed_at)
+            && (0.0..=1.0).contains(&self.again.best)
+            && self.again.places.iter().all(inside)
             && self.pressure > 0.0
             && self.events_per_time > 0.0
             && (0.0..=1.0).contains(&self.fraction)

@@ -58,7 +58,10 @@ impl Run {
 
     /// Expands a packing that jammed just below its target, where that helps; says whether it did.
     pub(crate) fn expand(&mut self, protocol: &GrowthProtocol) -> bool {
-        if self.stage != Stage::Scale || !self.expansions.begin(self.size, NEAR_TARGET) {
+        if self.stage != Stage::Scale
+            || self.again.number > 0
+            || !self.expansions.begin(self.size, NEAR_TARGET)
+        {
             return false;
         }
         self.size *= 1.0 - EXPANSION;

@@ -5,6 +5,7 @@
 //! (2 E t)` with the sum `W` of impulse times contact distance, the kinetic energy `E` and the time `t` (Lubachevsky
 //! and Stillinger 1990, DOI 10.1007/BF01025983).
 
+mod again;
 mod body;
 mod end;
 mod forecast;
@@ -33,6 +34,7 @@ use crate::packing::{GrowthEnd, RsaStatistics};
 use crate::request::{Distance, GrowthOptions, PackingRequest};
 use crate::rng::cycle_stream;
 use crate::segregation::Preference;
+use again::Again;
 use forecast::Forecast;
 pub(crate) use forecast::{STALL_EVENTS, start_share};
 pub(crate) use report::Moments;
@@ -187,6 +189,7 @@ pub(crate) struct Run {
     pinned_grains: u64,
     resumes: u64,
     expansions: Expansions,
+    again: Again,
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
@@ -217,12 +220,8 @@ impl Run {
         let velocity = frame.options.initial_velocity.unwrap_or(super::INITIAL_VELOCITY_MM_PER_S);
         system.set_in_motion(velocity, &mut cycle_stream(frame.request.seed, 0));
         let energy = system.energy();
-        let mean = protocol.radii_mm.iter().sum::<f64>() / protocol.radii_mm.len() as f64;
-        let rate = match frame.options.growth_rate {
-            Some(per_s) => per_s * mean / frame.thermal_velocity(),
-            None => LOOSE_RATE,
-        };
-        let mut compression_rate = CompressionRate::new(rate, radii.len());
+        let mean = mean_radius_mm(protocol);
+        let mut compression_rate = first_rate(frame, protocol);
         if stage == Stage::Length || frame.to_jamming.is_some() {
             compression_rate = compression_rate.without_target(radii.len(), frame.of_equal_grains());
         }
@@ -244,6 +243,7 @@ impl Run {
             pinned_grains: 0,
             resumes: 0,
             expansions: Expansions::default(),
+            again: Again::default(),
             simulated_s: 0.0,
             earlier_s: 0.0,
             rsa: RsaStatistics::default(),
@@ -257,8 +257,10 @@ impl Run {
 
     /// Goes over from growth by scale, done, to growth by length.
     pub(crate) fn lengthen(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) {
-        self.compression_rate =
-            self.compression_rate.without_target(protocol.radii_mm.len(), frame.of_equal_grains());
+        let few = (protocol.radii_mm.len(), frame.of_equal_grains());
+        if self.again.number == 0 {
+            self.compression_rate = self.compression_rate.without_target(few.0, few.1);
+        }
         self.stage = Stage::Length;
         self.size = 0.0;
         self.first_size = 0.0;
@@ -302,7 +304,7 @@ impl Run {
         let n = self.system.len();
         let mean = self.system.hot.iter().map(|hot| hot.radius).sum::<f64>() / n as f64;
         let relative_speed = match self.stage {
-            Stage::Scale if frame.to_jamming.is_none() => {
+            Stage::Scale if frame.to_jamming.is_none() && self.again.number == 0 => {
                 let now = self.size.powi(3) * self.target_fraction;
                 let distance = distance_to_jamming(now, self.target_fraction, self.pressure);
                 self.compression_rate.next(self.pressure, distance)
@@ -458,7 +460,12 @@ impl Run {
             if done > 0.0 { done / (elapsed_s - self.rsa_s).max(f64::EPSILON) } else { f64::INFINITY };
         let by_time = stop.time_s.map(|most| (most - elapsed_s) * per_s);
         let by_limits = by_events.into_iter().chain(by_time).reduce(f64::min);
-        by_limits.map_or(LENGTH_COLLISIONS - done, |left| left.min(MOST_LENGTH_COLLISIONS - done))
+        let paced = self.paced_collisions_left();
+        let [without, most] = match paced {
+            Some(left) => [left; 2],
+            None => [LENGTH_COLLISIONS - done, MOST_LENGTH_COLLISIONS - done],
+        };
+        by_limits.map_or(without, |left| left.min(most))
     }
 
     /// Puts the grains, which jammed just before their target, to where they fit exactly.
@@ -481,6 +488,19 @@ impl Run {
         }
         Ok(centers)
     }
+}
+
+/// The rate towards a target, as it is at the start.
+fn first_rate(frame: &Frame<'_>, protocol: &GrowthProtocol) -> CompressionRate {
+    let rate = match frame.options.growth_rate {
+        Some(per_s) => per_s * mean_radius_mm(protocol) / frame.thermal_velocity(),
+        None => LOOSE_RATE,
+    };
+    CompressionRate::new(rate, protocol.radii_mm.len())
+}
+
+fn mean_radius_mm(protocol: &GrowthProtocol) -> f64 {
+    protocol.radii_mm.iter().sum::<f64>() / protocol.radii_mm.len() as f64
 }
 
 fn radius(of_protocol: f64, stage: Stage, size: f64) -> f64 {

@@ -16,7 +16,7 @@ use crate::packing::RsaStatistics;
 use crate::shape::Pose;
 
 /// Tells bodies of this method, and of this layout, from others.
-const MARK: u64 = u64::from_le_bytes(*b"mc-body4");
+const MARK: u64 = u64::from_le_bytes(*b"mc-body5");
 /// Floats of a grain.
 const FLOATS: usize = 9;
 
@@ -29,7 +29,6 @@ impl<S: ConvexShape> Run<S> {
     pub(super) fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         let mut out = Encoder(out);
         let counted = self.counted();
-        let (pushes, growth_before) = self.pushes.to_numbers();
         for value in [
             MARK,
             self.system.len() as u64,
@@ -48,7 +47,7 @@ impl<S: ConvexShape> Run<S> {
             self.rsa.grains_by_subdivision,
             self.rsa.voxels_tested,
             self.expansions.number,
-            pushes,
+            self.pushes.to_number(),
         ] {
             out.u64(value)?;
         }
@@ -62,7 +61,6 @@ impl<S: ConvexShape> Run<S> {
             self.elapsed_s(),
             self.rsa_s,
             self.expansions.jammed_at,
-            growth_before,
         ] {
             out.f64(value)?;
         }
@@ -102,12 +100,11 @@ impl<S: ConvexShape> Run<S> {
             }
             whole
         };
-        let mut numbers = [0.0; 10];
+        let mut numbers = [0.0; 9];
         for value in &mut numbers {
             *value = input.f64()?;
         }
-        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at, growth_before] =
-            numbers;
+        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at] = numbers;
         if !(stretch > 0.0 && more >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
             return Err(invalid());
         }
@@ -134,7 +131,7 @@ impl<S: ConvexShape> Run<S> {
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
-        run.pushes = Pushes::of_numbers(whole[14], growth_before).ok_or_else(invalid)?;
+        run.pushes = Pushes::of_number(whole[14]).ok_or_else(invalid)?;
         run.expansions = Expansions { number: whole[13], jammed_at };
         (run.fraction, run.earlier_s, run.rsa_s) = (fraction, earlier_s, rsa_s);
         let counted = &mut run.counted;

@@ -4,6 +4,7 @@ use super::{CYCLES_PER_LIST, MOST_RATE, Run, Stage};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::methods::growth::EXPANSION;
 use crate::methods::monte_carlo::MonteCarlo;
+use crate::methods::monte_carlo::push::Strength;
 use crate::packing::GrowthEnd;
 
 /// Cycles over which growth is compared to tell that it has stalled, and the least growth, relative.
@@ -11,51 +12,48 @@ pub(super) const STALL_CYCLES: u64 = 200;
 const STALL_GROWTH: f64 = 1e-5;
 /// A packing that jams is expanded and grown again where its scale lacks at most this much.
 pub(super) const NEAR_TARGET: f64 = 0.02;
-/// Growth over as many cycles below which hard pushes are tried, relative.
-pub(super) const SLOW_GROWTH: f64 = 1e-3;
-/// Cycles of the trial: the first one or two hundred bring little, until the grains have rearranged. What it must gain
-/// over what light pushes gained in the cycles before: three times as many cycles, of twice as many sweeps of pushes.
-pub(super) const TRIAL_CYCLES: u64 = 600;
-const TRIAL_GAIN: f64 = 6.0;
+/// Growth over as many cycles below which a packing hardly grows, relative.
+const SLOW_GROWTH: f64 = 1e-3;
 
 /// How hard grains push each other.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Pushes {
-    /// Lightly, as at the start.
-    Light,
-    /// Hard, for a trial; light pushes had so much growth before it, relative.
-    Tried {
-        /// Over [`STALL_CYCLES`].
-        growth: f64,
-    },
-    /// Hard: the trial has gained more.
+    /// Hard, from the start.
     Hard,
-    /// Lightly, to the end: hard pushes gain no more.
-    LightForGood,
+    /// Lightly, to the end: hard pushes bring the grains no further, or they are spheres.
+    Light,
 }
 
 impl Pushes {
-    pub(super) fn are_hard(self) -> bool {
-        matches!(self, Self::Tried { .. } | Self::Hard)
+    /// Those that growth starts with. Spheres have light ones alone.
+    pub(super) fn first<S: ConvexShape>() -> Self {
+        if S::Turned::IS_SPHERE { Self::Light } else { Self::Hard }
+    }
+
+    /// Ellipsoids that grow fast need no hard pushes.
+    pub(super) fn strength<S: ConvexShape>(self, is_fast: bool, is_wide: bool) -> Strength {
+        match (S::Turned::IS_ELLIPSOID, self) {
+            (true, Self::Hard) if !is_fast => Strength::HARD,
+            (true, _) => Strength::LIGHT,
+            (false, Self::Light) => Strength::LIGHT_ANGULAR,
+            (false, Self::Hard) if is_wide => Strength::HARD_ANGULAR_WIDE,
+            (false, Self::Hard) => Strength::HARD_ANGULAR,
+        }
     }
 
     /// For a checkpoint.
-    pub(super) fn to_numbers(self) -> (u64, f64) {
+    pub(super) fn to_number(self) -> u64 {
         match self {
-            Self::Light => (0, 0.0),
-            Self::Tried { growth } => (1, growth),
-            Self::Hard => (2, 0.0),
-            Self::LightForGood => (3, 0.0),
+            Self::Hard => 0,
+            Self::Light => 1,
         }
     }
 
     /// Of a checkpoint.
-    pub(super) fn of_numbers(number: u64, growth: f64) -> Option<Self> {
+    pub(super) fn of_number(number: u64) -> Option<Self> {
         match number {
-            0 => Some(Self::Light),
-            1 => Some(Self::Tried { growth }),
-            2 => Some(Self::Hard),
-            3 => Some(Self::LightForGood),
+            0 => Some(Self::Hard),
+            1 => Some(Self::Light),
             _ => None,
         }
     }
@@ -69,8 +67,7 @@ impl<S: ConvexShape> Run<S> {
         if of.stop.time_s.is_some_and(|most| self.elapsed_s() >= most) {
             return Some(GrowthEnd::TimeLimit);
         }
-        let cycles = if let Pushes::Tried { .. } = self.pushes { TRIAL_CYCLES } else { STALL_CYCLES };
-        if self.counted.compression_cycles < self.mark.1 + cycles {
+        if self.counted.compression_cycles < self.mark.1 + STALL_CYCLES {
             return None;
         }
         let size = self.size();
@@ -81,8 +78,7 @@ impl<S: ConvexShape> Run<S> {
         if growth < SLOW_GROWTH && within.is_some_and(|[low, high]| !(low..=high).contains(&size)) {
             return Some(GrowthEnd::Stalled);
         }
-        let goes_on =
-            self.change_pushes(of, growth) || has_grown || self.expand(of) || self.try_hard_pushes(growth);
+        let goes_on = has_grown || self.push_lightly() || self.expand(of);
         (!goes_on).then_some(GrowthEnd::Stalled)
     }
 
@@ -100,34 +96,8 @@ impl<S: ConvexShape> Run<S> {
         true
     }
 
-    /// Decides how hard grains push each other from now on, by the growth since the mark; says whether that changes.
-    ///
-    /// Where light pushes hardly bring grains any further that are far from their target, hard ones are tried. They
-    /// stay where they gain more for their time, until growth stalls with them as well. Near the target they are tried
-    /// where it would end otherwise.
-    fn change_pushes(&mut self, of: &MonteCarlo<'_, S>, growth: f64) -> bool {
-        let is_far =
-            self.stage == Stage::Scale && (of.to_jamming.is_some() || 1.0 - self.size() > NEAR_TARGET);
-        let pushes = match self.pushes {
-            Pushes::Light if is_far && growth < SLOW_GROWTH => return self.try_hard_pushes(growth),
-            Pushes::Tried { growth: by_light } if growth > TRIAL_GAIN * by_light.max(STALL_GROWTH) => {
-                Pushes::Hard
-            }
-            Pushes::Tried { .. } => Pushes::LightForGood,
-            Pushes::Hard if growth <= STALL_GROWTH => Pushes::LightForGood,
-            pushes => pushes,
-        };
-        std::mem::replace(&mut self.pushes, pushes) != pushes
-    }
-
-    /// Tries hard pushes unless they were tried; says whether it does. Of ellipsoids, which turn little when they are
-    /// pushed, they made looser packings: 0.694 in place of 0.713 after 3000 sweeps of moves, with the share of the
-    /// depth alone.
-    fn try_hard_pushes(&mut self, growth: f64) -> bool {
-        let can = !S::Turned::IS_ELLIPSOID && self.stage == Stage::Scale && self.pushes == Pushes::Light;
-        if can {
-            self.pushes = Pushes::Tried { growth };
-        }
-        can
+    /// Pushes lightly from now on; says whether it did not.
+    fn push_lightly(&mut self) -> bool {
+        std::mem::replace(&mut self.pushes, Pushes::Light) != Pushes::Light
     }
 }

@@ -15,11 +15,11 @@ use std::io::Write;
 use std::time::Instant;
 
 use super::lists::Lists;
-use super::push::{Pusher, Strength, Tighten};
+use super::push::{Pusher, Tighten};
 use super::shake;
 use super::swap;
 use super::system::System;
-use super::{BEYOND_TARGET, MonteCarlo};
+use super::{BEYOND_TARGET, MonteCarlo, spread};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::gap::grain::{ConvexShape, Turned};
@@ -39,14 +39,10 @@ const LEAST_MOVES: u64 = 2000;
 const SWAPS_PER_GRAIN: f64 = 3.0;
 /// Relative difference of sizes that swaps start with.
 const FIRST_SWAP_WINDOW: f64 = 0.05;
-/// Most sweeps of pushes in a cycle, while the packing is loose enough to grow fast, and later on, when moves and swaps
-/// gain more for their time; the former of ellipsoids and of polyhedra.
+/// Growth of a cycle from which on the packing grows fast, relative.
 const FAST_RATE: f64 = 2e-3;
-const FAST_PUSH_SWEEPS: u32 = 32;
-const FAST_PUSH_SWEEPS_ANGULAR: u32 = 64;
-const PUSH_SWEEPS: u32 = 16;
-/// The same of hard pushes: 400 equal tetrahedra reach 0.646 in 15 000 sweeps of moves with it, 0.624 with 16.
-const HARD_PUSH_SWEEPS: u32 = 32;
+/// Standard deviation of `ln d` by volume below which grains jam those of their size.
+const NARROW: f64 = 0.3;
 /// Largest and smallest growth of a cycle, relative: the smallest keeps the grains shaking.
 const MOST_RATE: f64 = 0.005;
 const LEAST_RATE: f64 = 1e-6;
@@ -106,6 +102,8 @@ pub(super) struct Run<S: ConvexShape> {
     /// Size, and the cycle at which it was noted, to tell a stall.
     mark: (f64, u64),
     pushes: Pushes,
+    /// Whether hard pushes of polyhedra are wide ones.
+    is_wide: bool,
     expansions: Expansions,
     curve: Curve,
     fraction: f64,
@@ -135,6 +133,8 @@ impl<S: ConvexShape> Run<S> {
             hot.center = hot.center.each(|x| x / scale);
         }
         let volume: f64 = of.shapes.iter().map(S::volume_mm3).sum();
+        let spheres = system.hot.iter().filter(|hot| hot.turned.is_sphere()).count();
+        let is_wide = 2 * spheres > system.len() || spread(of.shapes) < NARROW;
         Ok(Self {
             system,
             largest_mm: of.shapes.first().map_or(0.0, S::equivalent_diameter_mm),
@@ -150,7 +150,8 @@ impl<S: ConvexShape> Run<S> {
             earlier_s: 0.0,
             started,
             mark: (0.0, 0),
-            pushes: Pushes::Light,
+            pushes: Pushes::first::<S>(),
+            is_wide,
             expansions: Expansions::default(),
             curve: Curve::new(),
             fraction: 0.0,
@@ -366,16 +367,11 @@ impl<S: ConvexShape> Run<S> {
     /// Makes the packing tighter, as far as it goes, and sets the rate of the next cycle.
     fn compress(&mut self, by: Tighten) -> Result<(), OutOfMemory> {
         let (stretch, more) = (self.system.stretch, self.system.more);
-        let fast = if S::Turned::IS_ELLIPSOID { FAST_PUSH_SWEEPS } else { FAST_PUSH_SWEEPS_ANGULAR };
-        let (strength, slow) = if self.pushes.are_hard() {
-            (Strength::HARD, HARD_PUSH_SWEEPS)
-        } else {
-            (Strength::LIGHT, PUSH_SWEEPS)
-        };
-        let most_sweeps = if self.rate >= FAST_RATE { fast } else { slow };
         // It has the poses to go back to, and is given back before the next cycle needs memory for other things.
         let mut pusher = Pusher::default();
-        let pushed = pusher.push(&mut self.system, by, strength, most_sweeps)?;
+        let is_fast = self.rate >= FAST_RATE;
+        let pushed =
+            pusher.push(&mut self.system, by, self.pushes.strength::<S>(is_fast, self.is_wide), is_fast)?;
         self.counted.pushes += pushed.pushes;
         if pushed.is_clear {
             self.rate *= if pushed.sweeps < EASY_SWEEPS { EASY } else { CLEAR };

@@ -2,11 +2,12 @@
 
 use nalgebra::Vector3;
 
-use super::end::{NEAR_TARGET, SLOW_GROWTH, STALL_CYCLES, TRIAL_CYCLES};
+use super::end::{NEAR_TARGET, STALL_CYCLES};
 use super::*;
 use crate::control::Unattended;
 use crate::distance::DistanceRule;
-use crate::methods::growth::{EXPANSION, MOST_EXPANSIONS};
+use crate::gap::spheres::Sphere;
+use crate::methods::growth::EXPANSION;
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance, GrowthStop, Specimen};
 use crate::shape::polyhedron::PlatonicSolid;
@@ -46,6 +47,7 @@ fn jammed(of: &MonteCarlo<'_, Ellipsoid>, size: f64) -> Run<Ellipsoid> {
 
 /// The run jams at a size.
 fn jam(run: &mut Run<Ellipsoid>, size: f64) {
+    run.pushes = Pushes::Light;
     run.system.scale(1.0 / size / run.system.stretch);
     run.mark = (run.size(), run.counted.compression_cycles);
     run.counted.compression_cycles += STALL_CYCLES;
@@ -111,44 +113,30 @@ fn grown<S: ConvexShape>(run: &mut Run<S>, growth: f64, cycles: u64) {
 }
 
 #[test]
-fn hard_pushes_are_tried_where_growth_is_slow_far_from_the_target() {
+fn grains_are_pushed_hard_until_that_brings_them_no_further() {
     let template = PlatonicSolid::Octahedron.body().unwrap().normalized();
     let shapes = [3.0, 2.0].map(|scale_mm| ScaledPolyhedron { template: &template, scale_mm });
     let of = method(&shapes);
-    for (size, growth) in [(0.9, 1.1 * SLOW_GROWTH), (1.0 - 0.9 * NEAR_TARGET, 0.9 * SLOW_GROWTH)] {
-        let mut run = angular(&of, size, growth);
-        assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Light));
-    }
-    let slow = 0.5 * SLOW_GROWTH;
-    for (gain, pushes) in [(7.0, Pushes::Hard), (5.0, Pushes::LightForGood)] {
-        let mut run = angular(&of, 0.9, slow);
-        assert_eq!(run.limit_reached(&of), None);
-        assert!(matches!(run.pushes, Pushes::Tried { growth } if (growth / slow - 1.0).abs() < 1e-9));
-        let mut body = Vec::new();
-        run.write(&mut body).unwrap();
-        assert_eq!(Run::read(&of, &body, Instant::now()).unwrap().pushes, run.pushes);
-        // The trial goes on for longer.
-        grown(&mut run, gain * slow, TRIAL_CYCLES - 1);
-        assert_eq!(run.limit_reached(&of), None);
-        assert!(run.pushes.are_hard());
-        run.counted.compression_cycles += 1;
-        assert_eq!((run.limit_reached(&of), run.pushes), (None, pushes));
-    }
-    // Near the target, where expansions no longer help.
-    let mut run = angular(&of, 1.0 - 0.9 * NEAR_TARGET, 0.0);
-    run.expansions.number = MOST_EXPANSIONS;
-    assert_eq!(run.limit_reached(&of), None);
-    assert!(run.pushes.are_hard());
-    // One that jams with light pushes has both before it ends.
-    let mut run = angular(&of, 0.9, 0.0);
-    assert_eq!(run.limit_reached(&of), None);
-    assert!(run.pushes.are_hard());
-    grown(&mut run, 1e-3, TRIAL_CYCLES);
+    let mut run = angular(&of, 0.9, 1e-4);
     assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Hard));
     grown(&mut run, 0.0, STALL_CYCLES);
-    assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::LightForGood));
+    assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Light));
+    let mut body = Vec::new();
+    run.write(&mut body).unwrap();
+    assert_eq!(Run::read(&of, &body, Instant::now()).unwrap().pushes, Pushes::Light);
+    grown(&mut run, 1e-4, STALL_CYCLES);
+    assert_eq!((run.limit_reached(&of), run.pushes), (None, Pushes::Light));
     grown(&mut run, 0.0, STALL_CYCLES);
     assert_eq!(run.limit_reached(&of), Some(GrowthEnd::Stalled));
+}
+
+#[test]
+fn spheres_alone_are_pushed_lightly() {
+    let shapes = [3.0, 2.0].map(|d_mm| Sphere { d_mm });
+    let of = method(&shapes);
+    let poses = [5.0, 14.0].map(|x| Pose::at(Vector3::new(x, 10.0, 10.0)));
+    let run = Run::new(&of, poses.to_vec(), 0.9, Instant::now()).unwrap();
+    assert_eq!(run.pushes, Pushes::Light);
 }
 
 /// Lists hold for grains that stay in their skins: through moves, pushes, and swaps after both.
