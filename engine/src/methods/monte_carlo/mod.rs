@@ -59,7 +59,7 @@ const START_FRACTION_ANGULAR: f64 = 0.48;
 const START_FRACTION_EQUAL: f64 = 0.26;
 const START_FRACTION_PER_SPREAD: f64 = 0.6;
 /// Volume over that of the sphere around a grain below which it falls.
-const COMPACT: f64 = 0.3;
+const COMPACT: f64 = 0.25;
 /// Largest scale to start from without being told.
 const MOST_START: f64 = 0.98;
 /// A start that finds no place for a grain is tried again at this share of its size.

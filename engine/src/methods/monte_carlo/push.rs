@@ -36,7 +36,7 @@ impl Strength {
     pub(super) const LIGHT_ANGULAR: Self = Self { most_sweeps: [64, 16], ..Self::LIGHT };
     /// That of polyhedra: beyond the depth (successive over-relaxation) fewer sweeps of pushes end the overlaps, and
     /// grains that are apart after a cycle turn past each other in the moves of the next one.
-    pub(super) const HARD_ANGULAR: Self = Self { beyond: 1.8, first_beyond_d: 0.04, most_sweeps: [64, 32] };
+    pub(super) const HARD_ANGULAR: Self = Self { beyond: 1.6, first_beyond_d: 0.04, most_sweeps: [64, 32] };
     /// The same where grains of a size jam each other, or most grains are spheres.
     pub(super) const HARD_ANGULAR_WIDE: Self = Self { first_beyond_d: 0.1, ..Self::HARD_ANGULAR };
     /// That of ellipsoids, which turn little when they are pushed: more of the depth leaves them looser.
@@ -88,8 +88,8 @@ pub(super) struct Pusher {
 }
 
 impl Pusher {
-    /// Makes the system tighter and pushes for as many sweeps at most as the strength has of a packing that grows fast or
-    /// no longer does. [`Self::undo`] goes back to before.
+    /// Makes the system tighter and pushes for as many sweeps at most as the strength has of a packing that grows fast
+    /// or no longer does. [`Self::undo`] goes back to before.
     ///
     /// # Errors
     /// When the system refuses memory.

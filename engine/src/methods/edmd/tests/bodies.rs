@@ -124,7 +124,7 @@ fn jamming_request() -> PackingRequest {
     let value = json!({
         "specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm], "boundary": "periodic"},
         "mix": {"grading": {"type": "diameters", "diameters_mm": vec![1.0; 40]}},
-        "method": {"type": "edmd"},
+        "method": {"type": "edmd"}, "on_limit": "keep",
     });
     PackingRequest::from_json(&value, 1).unwrap()
 }
