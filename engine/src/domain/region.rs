@@ -133,8 +133,8 @@ impl Region {
             }
     }
 
-    /// Share of the volume, or of that of the box around the region where planes cut it, that lies below a coordinate of
-    /// an axis; a half where there is one coordinate only.
+    /// Share of the volume that lies below a coordinate of an axis, of the box around the region where planes cut it; a
+    /// half where there is one coordinate only.
     pub(crate) fn share_below(&self, axis: usize, x: f64) -> f64 {
         let (low, high) = (self.low[axis], self.high[axis]);
         if low >= high {
