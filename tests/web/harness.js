@@ -184,3 +184,15 @@ export async function openPage(browser, url, { scheme = "light", width = 1280, h
     close: () => tab.close(),
   };
 }
+
+/**
+ * Chooses a file of a program on the page of a job.
+ * @param {import("playwright-core").Page} page
+ * @param {string} program
+ * @param {string} file
+ */
+export async function chooseFile(page, program, file) {
+  await page.click("#tab-files");
+  await page.locator("#exports-title + * label", { hasText: program }).click();
+  await page.selectOption("#export-kind", file);
+}

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { readFile } from "node:fs/promises";
 import { after, before, describe, test } from "node:test";
-import { inBrowser, openPage, SMALL, startBrowser, startServer } from "./harness.js";
+import { inBrowser, openPage, SMALL, startBrowser, startServer, chooseFile } from "./harness.js";
 
 /** Grows grains for about the given time in s; a test cancels it or waits for its end. @param {number} seconds */
 const growing = (seconds) => ({
@@ -35,18 +35,6 @@ describe("page of a job", inBrowser, () => {
   const open = (job, options) => openPage(browser, `${server.url}/jobs/${job.id}`, options);
   /** @param {string} id */
   const jobOf = async (id) => (await server.ask(`/v1/jobs/${id}`)).json();
-
-  /**
-   * Chooses a file of a program.
-   * @param {import("playwright-core").Page} page
-   * @param {string} program
-   * @param {string} file
-   */
-  async function choose(page, program, file) {
-    await page.click("#tab-files");
-    await page.locator("#exports-title + * label", { hasText: program }).click();
-    await page.selectOption("#export-kind", file);
-  }
 
   /**
    * Presses Tab until something has the focus.
@@ -157,7 +145,7 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack(SMALL);
     const opened = await open(job);
     const { page } = opened;
-    await choose(page, "ParaView", "voxels vti");
+    await chooseFile(page, "ParaView", "voxels vti");
     await page.locator("details summary", { hasText: "Options" }).click();
     await page.fill("#option-cells", "20");
     await page.waitForFunction(() => /^About .*\skB/.test(document.querySelector(".estimate")?.textContent ?? ""));
@@ -179,7 +167,7 @@ describe("page of a job", inBrowser, () => {
     await page.getByRole("dialog").getByRole("button", { name: "Delete file" }).click();
     await row.waitFor({ state: "detached" });
     assert.deepEqual((await jobOf(job.id)).exports, []);
-    await choose(page, "Gmsh", "mesh msh");
+    await chooseFile(page, "Gmsh", "mesh msh");
     await page.fill("#option-segments", "3");
     await page.waitForFunction(() => /6/.test(document.querySelector("#option-segments-fault")?.textContent ?? ""));
     await opened.close();
@@ -189,7 +177,7 @@ describe("page of a job", inBrowser, () => {
     const job = await server.pack(SMALL);
     const opened = await open(job);
     const { page } = opened;
-    await choose(page, "FFT", "voxels zip fans");
+    await chooseFile(page, "FFT", "voxels zip fans");
     await page.locator("details summary", { hasText: "Options" }).click();
     await page.fill("#option-cells", "12");
     await page.fill("#option-materials", "{");
@@ -203,7 +191,7 @@ describe("page of a job", inBrowser, () => {
     await row.locator(".badge[data-state=succeeded]").waitFor();
     const [made] = (await (await server.ask(`/v1/jobs/${job.id}/exports`)).json()).items;
     assert.deepEqual([made.options.for, made.options.materials], ["fans", materials]);
-    await choose(page, "FFT", "voxels vtk amitex");
+    await chooseFile(page, "FFT", "voxels vtk amitex");
     await page.fill("#option-cells", "12");
     await page.getByRole("button", { name: "Make the file" }).click();
     const amitex = page.locator(".files li", { hasText: "AMITEX" });
@@ -219,12 +207,12 @@ describe("page of a job", inBrowser, () => {
     await page.waitForSelector("#export-kind option", { state: "attached" });
     const programs = await page.locator("#exports-title + * label").allInnerTexts();
     assert.deepEqual(programs, ["Abaqus and CalculiX", "Gmsh", "ParaView", "Chrono", "FFT", "CAD", "Tables"]);
-    await choose(page, "CAD", "mesh stl");
+    await chooseFile(page, "CAD", "mesh stl");
     await page.click(".note button");
     assert.equal(await page.inputValue("#export-kind"), "mesh msh tetrahedra");
     assert.ok(await page.locator("[name=program][value=Gmsh]").isChecked());
     await page.waitForFunction(() => /tetrahedra/.test(document.querySelector(".estimate")?.textContent ?? ""));
-    await choose(page, "Gmsh", "mesh msh");
+    await chooseFile(page, "Gmsh", "mesh msh");
     await page.getByRole("button", { name: "Make the file" }).click();
     const row = page.locator(".files li", { hasText: "Gmsh: Surface mesh" });
     await row.locator(".badge[data-state=succeeded]").waitFor();

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { faultOf, listOf, numberOf, offersOf, parse } from "../../web/numbers.js";
-import { inBrowser, openPage, SMALL, startBrowser, startServer } from "./harness.js";
+import { inBrowser, openPage, SMALL, startBrowser, startServer, chooseFile } from "./harness.js";
 
 const REFUSED = /status of 4(00|22)/;
 /** A seed that a service draws: it has 16 digits. */
@@ -109,6 +109,7 @@ test("a seed is shown with all its digits, and is never sent as another", inBrow
   await page.waitForSelector("#result section dl");
   const seed = page.locator("#result dt", { hasText: "Seed" }).locator("xpath=following-sibling::dd");
   assert.equal(await seed.textContent(), String(SEED));
+  await page.click("#tab-request");
   assert.match((await page.textContent("#request pre")) ?? "", new RegExp(`"seed": ${SEED}\\b`));
   clean();
   await close();
@@ -205,7 +206,7 @@ test("options of exports have decimal commas, and their faults stand at their fi
   const { page, clean, accessible, close } = await openPage(browser, `${server.url}/jobs/${job.id}`, {
     allow: REFUSED,
   });
-  await page.selectOption("#export-kind", "voxels raw");
+  await chooseFile(page, "FFT", "voxels raw");
   await page.locator("details summary", { hasText: "Options" }).click();
   await page.fill("#option-voxel_mm", "0");
   await page.waitForFunction(() => document.getElementById("option-voxel_mm-fault")?.textContent);
@@ -216,7 +217,7 @@ test("options of exports have decimal commas, and their faults stand at their fi
   await page.fill("#option-voxel_mm", "2,5");
   await page.waitForFunction(() => document.getElementById("option-voxel_mm-fault")?.textContent === "");
   await page.getByRole("button", { name: "Make the file" }).click();
-  await page.locator(".table tr", { hasText: "Voxel model" }).locator(".badge[data-state=succeeded]").waitFor();
+  await page.locator(".files li", { hasText: "Voxels as raw bytes" }).locator(".badge[data-state=succeeded]").waitFor();
   const [made] = (await (await server.ask(`/v1/jobs/${job.id}/exports`)).json()).items;
   assert.equal(made.options.voxel_mm, 2.5);
   assert.deepEqual(made.report.shape, [16, 16, 16]);
@@ -323,9 +324,9 @@ test("defaults that the page states are those of the interface", inBrowser, asyn
 test("a mesh is handed out with the script that fills it", inBrowser, async () => {
   const job = await server.pack({ ...SMALL, name: "Würfel" });
   const { page, clean, close } = await openPage(browser, `${server.url}/jobs/${job.id}`);
-  await page.selectOption("#export-kind", "mesh msh");
+  await chooseFile(page, "Gmsh", "mesh msh");
   await page.getByRole("button", { name: "Make the file" }).click();
-  const row = page.locator(".table tr", { hasText: "Gmsh mesh" });
+  const row = page.locator(".files li", { hasText: "Gmsh: Surface mesh" });
   await row.locator(".badge[data-state=succeeded]").waitFor();
   const [mesh] = await Promise.all([page.waitForEvent("download"), row.getByText("Download").click()]);
   const [script] = await Promise.all([page.waitForEvent("download"), row.getByText("Script for Gmsh").click()]);
