@@ -110,7 +110,7 @@ test("a seed is shown with all its digits, and is never sent as another", inBrow
   const seed = page.locator("#result dt", { hasText: "Seed" }).locator("xpath=following-sibling::dd");
   assert.equal(await seed.textContent(), String(SEED));
   await page.click("#tab-request");
-  assert.match((await page.textContent("#request pre")) ?? "", new RegExp(`"seed": ${SEED}\\b`));
+  assert.match((await page.textContent("#panel-request pre")) ?? "", new RegExp(`"seed": ${SEED}\\b`));
   clean();
   await close();
   const study = await (
