@@ -16,6 +16,8 @@ pub(super) fn domain(size_mm: [f64; 3], boundary: Boundary) -> Domain {
         periods_mm: size_mm.map(|length| is_periodic.then_some(length)),
         face_names: &NAMES,
         faces: [x_min, x_max, y_min, y_max, z_min, z_max, None, None],
+        pairs: [true; 3],
+        has_oblique: false,
         volume_mm3: x * y * z,
         surface_mm2: 2.0 * (x * y + y * z + z * x),
     }

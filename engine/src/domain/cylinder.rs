@@ -16,6 +16,8 @@ pub(super) fn domain(diameter_mm: f64, height_mm: f64) -> Domain {
         periods_mm: [None; 3],
         face_names: &NAMES,
         faces: [side, z_min, z_max, None, None, None, None, None],
+        pairs: [false, false, true],
+        has_oblique: false,
         volume_mm3: PI / 4.0 * diameter_mm * diameter_mm * height_mm,
         surface_mm2: PI * diameter_mm * (diameter_mm / 2.0 + height_mm),
     }

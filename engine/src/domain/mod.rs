@@ -89,6 +89,10 @@ pub struct Domain {
     /// Names of the faces, in their order.
     pub face_names: &'static [&'static str],
     faces: [Option<Face>; MOST_FACES],
+    /// Whether plane faces lie across an axis at both ends of the bounding box.
+    pairs: [bool; 3],
+    /// Whether there are other plane faces.
+    has_oblique: bool,
     /// Volume.
     pub volume_mm3: f64,
     /// Area of all faces, those through which the domain repeats among them.
@@ -190,22 +194,15 @@ impl Domain {
 
     /// The axes with a pair of plane walls at the ends of the bounding box, in ascending order.
     pub fn walled_axes(&self) -> impl Iterator<Item = usize> + use<> {
-        let walls = *self;
-        (0..3).filter(move |&axis| {
-            FacePlane::pair(axis, walls.bounds_mm[axis])
-                .into_iter()
-                .all(|plane| walls.walls().any(|wall| wall == Face::Plane(plane)))
-        })
+        let (pairs, periods_mm) = (self.pairs, self.periods_mm);
+        (0..3).filter(move |&axis| pairs[axis] && periods_mm[axis].is_none())
     }
 
     /// The plane walls that are none of these pairs.
     pub fn oblique_walls(&self) -> impl Iterator<Item = FacePlane> + use<> {
-        let paired = self.walled_axes().fold([false; 3], |mut paired, axis| {
-            paired[axis] = true;
-            paired
-        });
+        let pairs = self.pairs;
         self.walls().filter_map(move |wall| match wall {
-            Face::Plane(plane) if !plane.across().is_some_and(|(axis, _)| paired[axis]) => Some(plane),
+            Face::Plane(plane) if !plane.across().is_some_and(|(axis, _)| pairs[axis]) => Some(plane),
             _ => None,
         })
     }

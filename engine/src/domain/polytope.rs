@@ -103,7 +103,12 @@ impl Domain {
         for (face, &plane) in faces.iter_mut().zip(planes) {
             *face = Some(Face::Plane(plane));
         }
+        let is_face = |plane: FacePlane| planes.contains(&plane);
+        let pairs = [0, 1, 2].map(|axis| FacePlane::pair(axis, high[axis]).into_iter().all(is_face));
+        let is_paired = |plane: &FacePlane| plane.across().is_some_and(|(axis, _)| pairs[axis]);
         Ok(Self {
+            pairs,
+            has_oblique: !planes.iter().all(is_paired),
             bounds_mm: high.into(),
             periods_mm: [None; 3],
             face_names,

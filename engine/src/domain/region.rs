@@ -19,7 +19,7 @@ impl Domain {
         for axis in self.walled_axes() {
             (region.low[axis], region.high[axis]) = interval(self.bounds_mm[axis], clearance_mm)?;
         }
-        if self.oblique_walls().next().is_some() {
+        if self.has_oblique {
             let inset_mm = clearance_mm + ROUNDING_MARGIN * self.bounds_mm.iter().sum::<f64>();
             return region.between(self.oblique_walls(), inset_mm);
         }
