@@ -7,9 +7,6 @@ import { cancelJob, maximizesBy } from "./job-cancel.js";
 import { partialBadge } from "./job-ends.js";
 import { announce, report } from "./shell.js";
 
-/** What the grains are, in words. @type {Record<string, string>} */
-const SHAPES = { spheres: "spheres", ellipsoids: "ellipsoids", angular: "angular", mixed: "mixed" };
-
 /** Numbers stay with their units. @param {string} words */
 const kept = (words) => words.replace(/(\d) (mm|%)/g, "$1\u202f$2");
 
@@ -112,7 +109,7 @@ export function makeRow(first, { changed, chosen, choose }) {
             kept(overview.curve),
             kept(overview.specimen),
             fraction === null ? "\u2013" : percent(fraction, fraction < 0.0995 ? 1 : 0),
-            SHAPES[overview.shape] ?? overview.shape,
+            overview.shape,
             kept(overview.gap),
           ]
         : mix.map(() => "");

@@ -1,4 +1,4 @@
-"""Notebooks as pages: those of the Python package, which are stored without outputs, and those of the tasks, with them."""
+"""Notebooks as pages: those of the Python package, stored without outputs, and those of the tasks, stored with them."""
 
 import base64
 import json

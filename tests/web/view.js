@@ -156,8 +156,8 @@ export const hitsOfBodies = (bodies) =>
  * @param {number[]} cut mm in x, y, z
  * @param {number} width
  * @param {number} height
- * @param {{octant?: boolean, plane?: number[]}} [more] octant: what lies beyond all three cuts is removed; plane: normal
- *   and distance, beyond which all is
+ * @param {{octant?: boolean, plane?: number[]}} [more] octant: what lies beyond all three cuts is removed;
+ *   plane: normal and distance, beyond which all is
  */
 export function expected(size, hits, { az, el, zoom, pan }, cut, width, height, { octant = false, plane } = {}) {
   const distance = Math.hypot(...size) / 2 / Math.sin(0.3);

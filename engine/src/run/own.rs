@@ -6,7 +6,6 @@
 //! `engine/tests/own_kinds.rs` is a whole example: capsules in a hexagonal prism.
 
 use std::io::Write;
-use std::num::NonZeroUsize;
 
 use thiserror::Error;
 
@@ -142,8 +141,7 @@ where
     accept(mix, &rule)?;
     let (poses, method_used) = place(mix, rule, control)?;
     let bodies: Vec<B> = mix.shapes.iter().zip(&poses).map(|(shape, pose)| body(shape, pose)).collect();
-    let threads: NonZeroUsize = limits.threads;
-    let gaps = check::check_bodies(&bodies, region, mix.distance, threads, control)?;
+    let gaps = check::check_bodies(&bodies, region, mix.distance, limits.threads, control)?;
     let packing = OwnPacking { shapes: mix.shapes, poses, domain: mix.domain, gaps, method_used };
     let report = export.write(&packing, limits, control, out)?;
     Ok((packing, report))

@@ -58,7 +58,7 @@ const START_FRACTION_ANGULAR: f64 = 0.48;
 /// fit between large ones.
 const START_FRACTION_EQUAL: f64 = 0.26;
 const START_FRACTION_PER_SPREAD: f64 = 0.6;
-/// Volume over that of the sphere around a grain below which it falls.
+/// Volume of a grain over that of the sphere around it below which growth starts looser.
 const COMPACT: f64 = 0.25;
 /// Largest scale to start from without being told.
 const MOST_START: f64 = 0.98;
