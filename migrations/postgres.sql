@@ -192,14 +192,19 @@ create table jobs (
     replicate        bigint,
     -- Virtual start time: the place in the queue among jobs of the same owner and priority (see turns.rs).
     turn             bigint           not null default 0,
+    -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
+    -- forecasts.rs).
+    forecast_us      bigint           not null default 60000000,
+    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
+    request_bytes    bigint           not null default 0,
+    -- Owner; several keys may have one owner. Empty where the server required no key.
+    owner            text collate "C" not null default '',
     -- A job that met a fault of the machine starts no sooner than this.
     not_before       bigint,
     -- Why it starts no sooner, as JSON: what it waits for, and a sentence.
     waits_for        text,
     -- Faults of the machine since the last run that met none; the pause grows with them.
     faults           bigint           not null default 0,
-    -- Owner; several keys may have one owner. Empty where the server required no key.
-    owner            text collate "C" not null default '',
     -- The method that the request names, or 'auto', so that a listing can filter by it without reading requests.
     method           text collate "C",
     -- What the plan of the request warns of, as a JSON list of sentences. A finished job shows the warnings of its
@@ -218,17 +223,12 @@ create table jobs (
     -- When a worker process sent the end of the attempt, a result in `artifacts` or a failure in `error`, that is not
     -- checked yet.
     received_at      bigint,
-    -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
-    -- forecasts.rs).
-    forecast_us      bigint           not null default 60000000,
     -- The least time that a worker must have left to be given the job, in microseconds (see forecasts.rs).
     least_time_us    bigint           not null default 0,
     -- Most threads that may compute the packing, as the request has it.
     threads          bigint,
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     bigint           not null default 1,
-    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
-    request_bytes    bigint           not null default 0,
     -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
     -- it is set up with checksums.
     row_text text generated always as (null) stored,

@@ -168,6 +168,9 @@ create table study_keys (
 create index study_keys_by_study on study_keys (study);
 
 -- Jobs, with their requests and results.
+
+-- The columns that triggers name are among the first 32. For a trigger that names a later one, SQLite computes every
+-- column of the old row at each change, the generated ones too: a deletion took 1.4 times as long.
 create table jobs (
     -- The order of acceptance: it pages listings and breaks ties of priority. No number is used twice, so that a cursor
     -- of a listing never meets another job in place of one that was deleted.
@@ -207,14 +210,19 @@ create table jobs (
     replicate        integer,
     -- Virtual start time: the place in the queue among jobs of the same owner and priority (see turns.rs).
     turn             integer not null default 0,
+    -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
+    -- forecasts.rs).
+    forecast_us      integer not null default 60000000,
+    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
+    request_bytes    integer not null default 0,
+    -- Owner; several keys may have one owner. Empty where the server required no key.
+    owner            text    not null default '',
     -- A job that met a fault of the machine starts no sooner than this.
     not_before       integer,
     -- Why it starts no sooner, as JSON: what it waits for, and a sentence.
     waits_for        text,
     -- Faults of the machine since the last run that met none; the pause grows with them.
     faults           integer not null default 0,
-    -- Owner; several keys may have one owner. Empty where the server required no key.
-    owner            text    not null default '',
     -- The method that the request names, or 'auto', so that a listing can filter by it without reading requests.
     method           text,
     -- What the plan of the request warns of, as a JSON list of sentences. A finished job shows the warnings of its
@@ -233,17 +241,12 @@ create table jobs (
     -- When a worker process sent the end of the attempt, a result in `artifacts` or a failure in `error`, that is not
     -- checked yet.
     received_at      integer,
-    -- Time that the plan expects the job to take on one core, in microseconds; a minute where the plan tells none (see
-    -- forecasts.rs).
-    forecast_us      integer not null default 60000000,
     -- The least time that a worker must have left to be given the job, in microseconds (see forecasts.rs).
     least_time_us    integer not null default 0,
     -- Most threads that may compute the packing, as the request has it.
     threads          integer,
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     integer not null default 1,
-    -- Bytes that its request takes, without the part that it shares with other jobs of its study.
-    request_bytes    integer not null default 0,
     -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
     -- has changed is found where the row is read.
     row_text text generated always as (case when finished_at is not null then

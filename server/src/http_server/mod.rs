@@ -223,10 +223,11 @@ impl Connection {
         let is_in_head = exchange.has_begun() && !exchange.is_answering();
         let (stream, refusal) = served.into_parts().io.into_inner().into_parts();
         let Some(problem) = problem_of(&error, refusal, is_in_head) else { return };
-        let answered = async {
+        // Boxed, as whatever few connections need, so that the others take less memory.
+        let answered = Box::pin(async {
             let Ok(response) = self.refuse(unknown_request(), problem).await;
             write_last(stream, response).await
-        };
+        });
         let _ = timeout(LINGER, answered).await;
     }
 
@@ -240,9 +241,9 @@ impl Connection {
         let mut request = Request::from_parts(head, Body::new(body));
         if !self.is_admitted && !OPEN_ROUTES.contains(&base_path::get().strip(request.uri().path())) {
             // Closed with bytes unread, the connection would be reset, and the answer lost with it.
-            let body = to_bytes(std::mem::take(request.body_mut()), REFUSED_BODY_BYTES);
+            let body = Box::pin(to_bytes(std::mem::take(request.body_mut()), REFUSED_BODY_BYTES));
             let _ = timeout(REFUSAL_TIMEOUT / 2, body).await;
-            let response = self.refuse(request, too_many_connections()).await?;
+            let response = Box::pin(self.refuse(request, too_many_connections())).await?;
             return Ok(response.map(|body| Answer::new(body, exchange, None)));
         }
         request.extensions_mut().insert(ConnectInfo(self.client));
@@ -255,7 +256,7 @@ impl Connection {
                 Ok(reserved) => memory = Some(reserved),
                 Err(exceeded) => {
                     drop(response);
-                    response = self.refuse(unknown_request(), no_memory(exceeded)).await?;
+                    response = Box::pin(self.refuse(unknown_request(), no_memory(exceeded))).await?;
                 }
             }
         }

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use packstone_engine::{Control as _, Progress};
 use tokio::sync::oneshot;
-use tokio::time::{Instant, MissedTickBehavior, interval, sleep, sleep_until};
+use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep, sleep_until};
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
@@ -29,6 +29,8 @@ use crate::tasks::{self, Task};
 
 /// Progress is told no more often than this.
 const PROGRESS_EVERY: Duration = Duration::from_millis(500);
+/// The first progress is told so long after the start. Many runs have ended by then, and cost one write less.
+const FIRST_PROGRESS: Duration = Duration::from_millis(100);
 /// A source of tasks that fails gets this much time before the next try.
 const SOURCE_PAUSE: Duration = Duration::from_secs(1);
 /// How often the end of a task is offered to a source that fails by a defect, before the lease may run out.
@@ -122,7 +124,7 @@ impl<K: TaskSource> Executor<K> {
         deadline: Option<Instant>,
     ) -> Infallible {
         let mut changes = self.kind.follow(work);
-        let mut tick = interval(PROGRESS_EVERY);
+        let mut tick = interval_at(Instant::now() + FIRST_PROGRESS, PROGRESS_EVERY);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut renewed = Instant::now();
         let mut remaining = RemainingTime::default();

@@ -16,7 +16,7 @@ use super::{Database, StoreError};
 use crate::hex;
 
 /// Counts the changes of the tables. It rises with each change of the texts.
-const SCHEMA: i64 = 6;
+const SCHEMA: i64 = 7;
 /// The tables in SQLite.
 const SQLITE: &str = include_str!("../../../../migrations/sqlite.sql");
 /// The tables in PostgreSQL.
@@ -335,6 +335,17 @@ mod tests {
             assert_eq!(copies, usize::from(!is_apart), "{table}.{column}");
         }
         assert!(tables.len() == 6 && rows.len() > 110, "{tables:?} {}", rows.len());
+    }
+
+    #[tokio::test]
+    async fn triggers_of_jobs_name_the_first_32_columns_alone() {
+        let (_folder, store) = fresh_file().await;
+        let named = query(
+            "select c.name || ' in ' || t.name from pragma_table_xinfo('jobs') as c
+             join sqlite_schema as t on t.type = 'trigger' and t.tbl_name = 'jobs'
+             where c.cid >= 32 and (instr(t.sql, 'old.' || c.name) or instr(t.sql, 'new.' || c.name))",
+        );
+        assert_eq!(named.scalars::<String>(store.readers()).await.unwrap(), Vec::<String>::new());
     }
 
     #[tokio::test]

@@ -145,14 +145,23 @@ impl Options {
 
 impl Connection {
     /// Whether it answers and is in no transaction. A transaction that was dropped is rolled back before it answers.
-    /// A connection over a network that was `used` a moment ago is not asked.
+    /// A connection that was `used` a moment ago is not asked.
     pub(in super::super) async fn is_idle(&mut self, used: Option<Instant>) -> bool {
+        let answers = used.is_some_and(|used| used.elapsed() < ASK_AFTER);
+        if answers && !self.is_in_transaction() {
+            return true;
+        }
+        let answers = match self {
+            Self::Sqlite(connection) => connection.ping().await.is_ok(),
+            Self::Postgres(connection) => answered(connection.ping()).await.is_ok(),
+        };
+        answers && !self.is_in_transaction()
+    }
+
+    fn is_in_transaction(&self) -> bool {
         match self {
-            Self::Sqlite(connection) => connection.ping().await.is_ok() && !connection.is_in_transaction(),
-            Self::Postgres(connection) => {
-                (used.is_some_and(|used| used.elapsed() < ASK_AFTER) && !connection.is_in_transaction())
-                    || (answered(connection.ping()).await.is_ok() && !connection.is_in_transaction())
-            }
+            Self::Sqlite(connection) => connection.is_in_transaction(),
+            Self::Postgres(connection) => connection.is_in_transaction(),
         }
     }
 

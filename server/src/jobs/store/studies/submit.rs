@@ -266,6 +266,7 @@ async fn insert_jobs(
     mut parts: Parts,
 ) -> Result<i64, StoreError> {
     let engine = to_json(&EngineInfo::current())?;
+    let (owner, key) = (&new.by.owner, &new.by.key);
     let mut left = rows;
     while !left.is_empty() {
         let places: Vec<_> = left.iter().take(ROWS_AT_ONCE).map(|row| (row.point, row.replicate)).collect();
@@ -282,29 +283,31 @@ async fn insert_jobs(
         let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
         parts.insert(tx, study).await?;
+        // What all jobs have in common is bound once.
         let mut query = QueryBuilder::new(
-            "insert into jobs (seq, id, state, name, labels, priority, seed, timeout_s, max_attempts,
-                 attempt_budget, created_at, updated_at, expires_at, engine, study, point, replicate, turn, owner,
-                 warnings, submitted_by, shared, forecast_us, least_time_us, threads, most_threads, method,
-                 request_bytes) ",
+            "insert into jobs (state, attempt_budget, created_at, updated_at, engine, study, owner, submitted_by,
+                 seq, id, name, labels, priority, seed, timeout_s, max_attempts, expires_at, point, replicate, turn,
+                 warnings, shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes)
+             select 'queued', rows.column8, now, now, engine, study, owner, submitted_by, rows.*
+             from (select ",
         );
+        query.push_bind(now).push(" as now, ").push_bind(&engine).push(" as engine, ");
+        query.push_bind(study).push(" as study, ").push_bind(owner).push(" as owner, ");
+        query.push_bind(key).push(" as submitted_by) as common cross join (");
         query.push_values(
             chunk.iter().zip(texts).zip(&bodies),
             |values, ((row, (labels, warnings)), body)| {
                 let job = row.job;
-                values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind("queued");
-                values.push_bind(job.name.clone()).push_bind(labels).push_bind(job.priority);
-                values.push_bind(row.seed.cast_signed()).push_bind(job.timeout_s);
-                values.push_bind(job.max_attempts).push_bind(job.max_attempts);
-                values.push_bind(now).push_bind(now).push_bind(job.expires_at_us()).push_bind(engine.clone());
-                values.push_bind(study).push_bind(row.point as i64).push_bind(row.replicate as i64);
-                values.push_bind(row.turn).push_bind(new.by.owner.clone()).push_bind(warnings);
-                values.push_bind(new.by.key.clone()).push_bind(new.study.shared || job.shared);
-                values.push_bind(row.forecast_us).push_bind(row.least_time_us);
-                values.push_bind(job.threads).push_bind(row.most_threads).push_bind(job.method_name());
-                values.push_bind(body.bytes());
+                values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind(&job.name);
+                values.push_bind(labels).push_bind(job.priority).push_bind(row.seed.cast_signed());
+                values.push_bind(job.timeout_s).push_bind(job.max_attempts).push_bind(job.expires_at_us());
+                values.push_bind(row.point as i64).push_bind(row.replicate as i64).push_bind(row.turn);
+                values.push_bind(warnings).push_bind(new.study.shared || job.shared);
+                values.push_bind(row.forecast_us).push_bind(row.least_time_us).push_bind(job.threads);
+                values.push_bind(row.most_threads).push_bind(job.method_name()).push_bind(body.bytes());
             },
         );
+        query.push(") as rows");
         query.build().execute(&mut *tx).await?;
         insert_bodies(tx, chunk, bodies).await?;
     }
