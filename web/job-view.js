@@ -234,7 +234,12 @@ export class ViewPart {
       ),
       h("div", {}, h("p", { class: "label" }, "Colour by"), colour),
       h("div", { class: "actions" }, back),
-      h("details", {}, h("summary", {}, "Picture as PNG"), picturePart(viewer, `packing-${this.source.name}`)),
+      h(
+        "details",
+        {},
+        h("summary", { id: "picture" }, "Picture as PNG"),
+        picturePart(viewer, `packing-${this.source.name}`),
+      ),
     );
     this.#follow();
   }
