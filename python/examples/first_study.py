@@ -12,11 +12,10 @@ study = packstone.study(
     keep=True,
 )
 table = study.to_dataframe().pivot_table(index="volume_fraction", columns="gap_mm", values="success_rate")
-figure, (rates, curve) = plt.subplots(2, layout="constrained")
+figure, (rates, curve) = plt.subplots(2, figsize=(6, 9), layout="constrained")
 table.plot(ax=rates, marker="o", ylabel="success rate")
 densest = max(study.packings.values(), key=lambda packing: packing.volume_fraction)
 packing = packstone.load(densest.save("densest.json"))
 print(f"{packing}, the largest grain has {packing.diameters[0]:.2f} mm")
-figure = plt.figure()
 packing.plot(ax=curve)
 figure.savefig("first_study.png")
