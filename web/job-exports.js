@@ -16,7 +16,10 @@ const NEED_MATERIALS = new Set(["deck zip", "voxels zip fans"]);
 const MATERIALS =
   '{"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, ' +
   '"aggregate": {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2}}';
-/** The materials that a file needs to be made without those of a request. @param {import("./job-programs.js").File} file */
+/**
+ * The materials that a file needs to be made without those of a request.
+ * @param {import("./job-programs.js").File} file
+ */
 export const materialsFor = (file) => (NEED_MATERIALS.has(keyOf(file)) ? MATERIALS : null);
 /** What is said of them. */
 const ASSUMED =
