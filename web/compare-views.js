@@ -101,7 +101,7 @@ export function viewPart(packings) {
     first.set({ cut: first.head.size.map((length) => length / 2), octant: true, matrix: true });
   };
 
-  const stages = packings.map(({ letter, title, report }, i) => {
+  const stages = packings.map(({ letter, title, request, report }, i) => {
     const canvas = h("canvas", {
       tabindex: "0",
       role: "img",
@@ -109,6 +109,7 @@ export function viewPart(packings) {
       "aria-describedby": "views-words",
     });
     const viewer = new Viewer(canvas);
+    viewer.periodic = request?.specimen?.boundary === "periodic";
     viewer.classes = report.summary.classes.map((/** @type {any} */ c) => c.d_min_mm);
     viewer.addEventListener("change", () => follow(viewer));
     viewer.addEventListener("rest", () => {

@@ -333,6 +333,12 @@ form.addEventListener("submit", (event) => {
   event.preventDefault();
   run();
 });
+// From any field, without the way through all the others.
+form.addEventListener("keydown", (event) => {
+  if (event.key !== "Enter" || !(event.ctrlKey || event.metaKey) || submit.disabled) return;
+  event.preventDefault();
+  run();
+});
 addEventListener("hashchange", start);
 addEventListener("pageshow", (event) => {
   if (event.persisted) changed();

@@ -16,6 +16,14 @@ const NEED_MATERIALS = new Set(["deck zip", "voxels zip fans"]);
 const MATERIALS =
   '{"matrix": {"youngs_modulus_gpa": 25, "poissons_ratio": 0.2}, ' +
   '"aggregate": {"youngs_modulus_gpa": 70, "poissons_ratio": 0.2}}';
+/**
+ * The materials that a file needs to be made without those of a request.
+ * @param {import("./job-programs.js").File} file
+ */
+export const materialsFor = (file) => (NEED_MATERIALS.has(keyOf(file)) ? MATERIALS : null);
+/** What is said of them. */
+const ASSUMED =
+  " The request has no materials: a mortar of 25 GPa and grains of 70 GPa are assumed. Change them under Options.";
 /** What is said of a mesh of surfaces. */
 const NO_SOLID = "Surfaces alone, without solid elements. For a solid mesh choose ";
 
@@ -68,7 +76,7 @@ export class ExportPart {
         "div",
         { class: "row" },
         h("div", { class: "field" }, h("label", { for: "export-kind" }, "File"), this.kind),
-        h("button", { type: "submit" }, "Make the file"),
+        h("button", { type: "submit", id: "make-file" }, "Make the file"),
       ),
       this.note,
       this.estimate,
@@ -178,7 +186,8 @@ export class ExportPart {
     const { elements } = this.made;
     replace(this.options, elements.length ? elements : h("p", { class: "hint" }, "This file has no options."));
     const materials = /** @type {HTMLTextAreaElement | null} */ (this.options.querySelector("#option-materials"));
-    if (materials && !this.request.materials && NEED_MATERIALS.has(keyOf(file))) materials.value = MATERIALS;
+    const assumed = Boolean(materials && !this.request.materials && NEED_MATERIALS.has(keyOf(file)));
+    if (materials && assumed) materials.value = MATERIALS;
     const solid = () => {
       const gmsh = /** @type {import("./job-programs.js").Program} */ (PROGRAMS.find(({ name }) => name === "Gmsh"));
       const radio = /** @type {HTMLInputElement} */ (this.choices.querySelector("[value=Gmsh]"));
@@ -191,6 +200,7 @@ export class ExportPart {
     replace(
       this.note,
       file.note,
+      assumed && ASSUMED,
       file.surface && NO_SOLID,
       file.surface && h("button", { type: "button", class: "quiet", onclick: solid }, "Solid mesh: tetrahedra"),
     );

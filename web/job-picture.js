@@ -23,6 +23,7 @@ export function picturePart(viewer, name) {
     "button",
     {
       type: "button",
+      id: "save-picture",
       onclick: async () => {
         const w = Number(width.value);
         save.disabled = true;

@@ -25,7 +25,9 @@ export const PROGRAMS = [
         type: "deck",
         format: "zip",
         words: "Model that runs as it is",
-        note: "Mesh, materials, supports, load and output. Unpack it and run packstone solve on the file.",
+        note:
+          "Mesh, materials, supports, load and output. Unpack it, then run ccx model in its folder, or packstone solve " +
+          "on the zip, which also computes the property.",
       },
       { type: "mesh", format: "inp", words: "Solid mesh: tetrahedra", note: "Made by Gmsh, with sets by phase." },
       { type: "voxels", format: "inp", words: "Solid mesh: hexahedra, one for each voxel" },

@@ -27,6 +27,7 @@ export class ViewPart {
     this.source = source;
     this.summary = report.summary;
     this.spheres = !report.shapes;
+    this.periodic = request?.specimen?.boundary === "periodic";
     const classesBy = this.spheres ? "diameter" : sizeOf(request);
     this.aggregates = report.summary.aggregates ?? [];
     /** How the legend's grains are coloured. @type {string | undefined} */
@@ -64,6 +65,8 @@ export class ViewPart {
         h("kbd", {}, "Enter"),
         " of the one in the middle. On a touch screen one finger turns, two magnify and move.",
       ),
+      this.periodic &&
+        h("p", { class: "hint" }, "Opposite faces are joined: a grain that crosses one enters at the other."),
       !this.spheres &&
         h(
           "p",
@@ -90,6 +93,7 @@ export class ViewPart {
       return this.#failed(error);
     }
     const { viewer } = this;
+    viewer.periodic = this.periodic;
     viewer.classes = this.summary.classes.map((/** @type {any} */ c) => c.d_min_mm);
     viewer.addEventListener("change", () => this.#follow());
     viewer.addEventListener("progress", () => this.#arrived());
@@ -234,7 +238,12 @@ export class ViewPart {
       ),
       h("div", {}, h("p", { class: "label" }, "Colour by"), colour),
       h("div", { class: "actions" }, back),
-      h("details", {}, h("summary", {}, "Picture as PNG"), picturePart(viewer, `packing-${this.source.name}`)),
+      h(
+        "details",
+        {},
+        h("summary", { id: "picture" }, "Picture as PNG"),
+        picturePart(viewer, `packing-${this.source.name}`),
+      ),
     );
     this.#follow();
   }

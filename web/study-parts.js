@@ -85,12 +85,17 @@ export function buttons(study, changed, page = { pause() {}, resume() {}, gone: 
       else report(new Error("This study is a list of jobs, which the form cannot show."));
     }),
     study.finished_at &&
-      h("button", { type: "button", class: "quiet", "aria-label": `Delete: ${name}`, onclick: remove }, "Delete"),
+      h(
+        "button",
+        { type: "button", class: "quiet", "aria-label": `Delete: ${name}`, onclick: () => remove().catch(report) },
+        "Delete",
+      ),
   ].filter(Boolean);
 
   async function remove() {
     const also = `Its ${number(study.jobs, 1)} jobs are deleted with their results, too.`;
-    if (!(await confirmDeletion({ one: "study", name, also }))) return;
+    const { totals } = await get(`/v1/jobs?study=${study.id}&limit=1&totals=true`);
+    if (!(await confirmDeletion({ one: "study", name, size: totals.bytes, also }))) return;
     page.pause();
     try {
       await send("DELETE", path);

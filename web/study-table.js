@@ -39,7 +39,7 @@ const FIGURES = [
  * @param {string} [name] of the field
  * @returns {string}
  */
-function words(value, name = "") {
+export function words(value, name = "") {
   if (typeof value === "number") return name.endsWith("seed") ? String(value) : number(value, 6);
   if (typeof value !== "object" || value === null) return String(value);
   if (Array.isArray(value)) return JSON.stringify(value);

@@ -2,10 +2,12 @@
 import { absolute } from "./address.js";
 import { get, Problem, request } from "./api.js";
 import { badge, byId, duration, h, number, quantity, replace, text, when } from "./dom.js";
+import { specimenWords } from "./job-facts.js";
 import { live } from "./live.js";
 import { announce, report, shell } from "./shell.js";
 import { buttons, counts, nameOf } from "./study-parts.js";
-import { columnName, StudyTable } from "./study-table.js";
+import { columnName, StudyTable, words } from "./study-table.js";
+import { tabs } from "./tabs.js";
 
 const id = location.pathname.split("/").at(-1) ?? "";
 const path = `/v1/studies/${encodeURIComponent(id)}`;
@@ -44,17 +46,29 @@ let quarter = -1;
 let warned = 0;
 /** Runs whose properties are still to be computed. */
 let waiting = 0;
+/** The request of the study, and what its first job packs. @type {{request: any, overview: any} | null} */
+let known = null;
+/** The varied fields of each point, in words. @type {string[]} */
+let varied = [];
 
 async function update() {
   const started = performance.now();
   try {
-    const study = await get(path);
+    const [study, about] = await Promise.all([get(path), known ?? what()]);
+    if (!known) more(about);
+    known = about;
     show(study);
     const answer = await request("GET", `${path}/table`, undefined, { headers: tag ? { "if-none-match": tag } : {} });
     if (answer.status !== 304) {
       tag = answer.headers.get("etag") ?? "";
       const document = await answer.json();
       table.set(document, study.finished_at !== null);
+      varied = document.rows.map((/** @type {any} */ row) =>
+        document.columns
+          .filter((/** @type {string} */ name) => name.startsWith("/"))
+          .map((/** @type {string} */ name) => words(row[name], name))
+          .join(", "),
+      );
       waiting = document.rows.reduce(
         (/** @type {number} */ sum, /** @type {any} */ row) => sum + (row.properties_waiting ?? 0),
         0,
@@ -73,10 +87,42 @@ async function update() {
   }
 }
 
+/** The request of the study, and what its first job packs. */
+async function what() {
+  const [{ request }, { items }] = await Promise.all([
+    get(`${path}?include=request`),
+    get(`${path}/jobs?sort=created&limit=1&overview=true`),
+  ]);
+  return { request, overview: items[0]?.overview ?? null };
+}
+
+/** What else there is of the runs, in tabs. @param {{request: any}} about */
+function more({ request }) {
+  const part = () => import("./study-runs.js");
+  const list = [
+    { id: "runs", name: "Runs", make: async () => (await part()).runsPart(path, () => varied) },
+    { id: "files", name: "Files", make: async () => (await part()).filesPart(path, request) },
+    { id: "request", name: "Request", make: async () => (await part()).requestPart(request) },
+  ];
+  replace(byId("more"), tabs(list, "Parts of the study").element);
+}
+
 /** @param {any} study */
 function show(study) {
-  document.title = `${nameOf(study)} - Packstone`;
-  replace(byId("title"), h("bdi", {}, nameOf(study)));
+  const overview = known?.overview;
+  // What the points have in common, where the study has no name.
+  const common = overview && `${overview.curve}, ${overview.specimen}`;
+  const name = study.name || (common ? `Study of ${common}` : nameOf(study));
+  document.title = `${name} - Packstone`;
+  replace(byId("title"), h("bdi", {}, name));
+  replace(
+    byId("lead"),
+    h("span", { class: "mono" }, study.id),
+    " \u00b7 submitted ",
+    when(study.created_at),
+    ...(study.submitted_by ? [" by ", h("bdi", {}, study.submitted_by)] : []),
+    ...Object.entries(study.labels).flatMap(([key, value]) => [" \u00b7 ", h("bdi", {}, `${key} = ${value}`)]),
+  );
   replace(byId("state"), badge(study.finished_at ? "finished" : "open"));
   replace(byId("buttons"), buttons(study, watch.now, page));
   const progress = /** @type {HTMLProgressElement} */ (byId("progress"));
@@ -91,13 +137,16 @@ function show(study) {
   quarter = now;
   const fact = (/** @type {string} */ term, /** @type {any} */ value) =>
     h("div", {}, h("dt", {}, term), h("dd", {}, value));
+  const { template } = known?.request ?? {};
   replace(
     byId("facts"),
+    ...(overview ? [fact("Grading", overview.curve)] : []),
+    ...(template?.specimen ? [fact("Specimen", specimenWords(template.specimen))] : []),
+    ...(overview ? [fact("Grains", overview.shape), fact("Distance", overview.gap)] : []),
     fact("Points", number(study.points, 1)),
     fact("Seeds for each", number(study.replicates, 1)),
     fact("Varied", study.columns.map(columnName).join(", ") || "seeds"),
     fact("Seed", String(study.seed)),
-    fact("Submitted", when(study.created_at)),
     fact("Ended", when(study.finished_at)),
   );
   const warnings = /** @type {{detail: string, points: number, point: number}[]} */ (study.warnings);

@@ -34,6 +34,14 @@ def test_the_example_plots_success_rates(server: LiveServer, tmp_path: Path) -> 
     assert saved is not None and int(saved[1]) == len(list((tmp_path / "packings").glob("*.npy"))) > 70
 
 
+def test_a_study_with_its_plot_and_a_reopened_packing_take_twenty_lines(server: LiveServer, tmp_path: Path) -> None:
+    example = REPOSITORY / "python/examples/first_study.py"
+    assert len([line for line in example.read_text().splitlines() if line]) <= 20
+    said = run(server, tmp_path, sys.executable, example)
+    assert re.search(r"^<Packing of \d+ grains: .*>, the largest grain has 1[0-6]\.\d\d mm$", said, re.MULTILINE)
+    assert (tmp_path / "first_study.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_the_script_for_the_shell(server: LiveServer, tmp_path: Path) -> None:
     (tmp_path / "files").mkdir()
     said = run(server, tmp_path, REPOSITORY / "clients/curl/study.sh", "files")

@@ -119,6 +119,35 @@ describe("viewer", inBrowser, () => {
     assert.ok(Math.abs(drawn - due) < 0.02 * due, `${drawn} pixels drawn, ${due} are due`);
   }
 
+  test(
+    "a grain that crosses a face of a periodic box is cut there and enters at the opposite one",
+    inBrowser,
+    async () => {
+      for (const pointLimit of [512, 8]) {
+        // Over an edge: a quarter at each of four places, as seen along that edge.
+        const opened = await show(sphereFile(SIZE, [1, 20, 2, 16]), { width: 300, height: 300, pointLimit });
+        const pose = { az: Math.PI / 2, el: 0, zoom: 1, pan: [0, 0] };
+        const places = async (/** @type {boolean} */ periodic) => {
+          await opened.page.evaluate(
+            (is) => Object.assign(/** @type {any} */ (window).viewer, { periodic: is }),
+            periodic,
+          );
+          const { out, width, height } = await seen(opened.page, { pose, set: { colour: "size" } });
+          const quarters = [0, 0, 0, 0];
+          out.forEach((what, i) => {
+            if (what) quarters[(i % width < width / 2 ? 0 : 1) + (i < (width * height) / 2 ? 0 : 2)] += 1;
+          });
+          return quarters.map((count) => count > 100);
+        };
+        // Seen from y, x grows to the left: the sphere itself is at the lower right.
+        assert.deepEqual(await places(false), [false, false, false, true]);
+        assert.deepEqual(await places(true), [true, true, true, true]);
+        opened.clean();
+        await opened.close();
+      }
+    },
+  );
+
   for (const [name, pointLimit] of /** @type {[string, number][]} */ ([
     ["points", 512],
     ["quads", 8],

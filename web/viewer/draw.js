@@ -14,6 +14,7 @@ import { matrixFragment, matrixVertex, MORTAR } from "./matrix.js";
  * @property {number[]} octant 1: what lies beyond all three is not drawn
  * @property {number[]} plane normal and distance in mm: what lies beyond is not drawn
  * @property {number[]} matrix 1: drawn, with the faces of the specimen
+ * @property {number[]} periodic 1: the faces of the box are joined, and the images of grains that cross them are drawn
  * @property {number[]} [pick] 1: colours are the numbers of the grains
  * @property {number[]} lod polyhedra smaller than this are drawn as spheres of about their volume, pixels
  * @property {number[]} mode 0: by size; 1: by class; 2: by aggregate
@@ -45,7 +46,7 @@ const SPHERES = {
 const HEAD = `#version 300 es
 precision highp float; precision highp int;
 uniform vec4 ink, steps[16]; uniform vec3 eye, right, up, ahead, size, cut; uniform vec2 f, o, view, margin, zk;
-uniform float lod, mode, dmin, dmax, octant; uniform vec4 plane;
+uniform float lod, mode, dmin, dmax, octant, periodic; uniform vec4 plane;
 `;
 
 /** The part of a ray, and the light on a cut where it begins, that is kept of an interval. */
@@ -73,9 +74,13 @@ vec3 kept(vec3 dir, float a, float b) {
 const grainVertex = (/** @type {Kind} */ kind) => `${HEAD}
 layout(location=0) in vec4 q; layout(location=3) in float quad;
 ${kind.inputs}
-flat out vec3 c, rgb; flat out float r, number; uniform float start;
+flat out vec3 c, rgb; flat out float r, number; uniform float start; uniform vec3 image;
 void main() {
   float d = q.w * dmax; r = .5 * d; c = q.xyz * size;
+  // the image beyond the faces that are nearest along the axes of the image, of a grain that crosses them
+  vec3 low = step(c, .5 * size), over = mix(c + r - size, r - c, low);
+  bool absent = any(lessThan(over * image, vec3(0.)));
+  c += image * size * (2. * low - 1.);
   vec3 e = c - eye; float z = dot(e, ahead), i = 0.;
   // the diameter on the screen, and the side of the square
   float pixels = view.y * f.y * r / z, s = 1.;
@@ -87,7 +92,7 @@ void main() {
   vec2 at = f * vec2(dot(e, right), dot(e, up)) / z + o;
   at += quad * s / view * (vec2(gl_VertexID & 1, gl_VertexID >> 1 & 1) * 2. - 1.);
   bvec3 beyond = greaterThan(c - r, cut);
-  if ((octant > 0. ? all(beyond) : any(beyond)) || dot(plane.xyz, c) - r > plane.w) at = vec2(1e3);
+  if ((octant > 0. ? all(beyond) : any(beyond)) || dot(plane.xyz, c) - r > plane.w || absent) at = vec2(1e3);
   number = start + float(quad > 0. ? gl_InstanceID : gl_VertexID);
   gl_PointSize = s;
   gl_Position = vec4(at * margin, 0., 1.);
@@ -102,9 +107,17 @@ void main() {
   float light = .68, depth = -dot(m, ahead), a, b;
   if (r > 0.) {
     ${kind.meet}
+    vec3 sun = normalize(-ahead + .5 * up - .35 * right), p = -eye / dir, q = (size - eye) / dir;
+    float shine = .34 + .56 * max(dot(n, sun), 0.) + .1 * n.z;
+    if (periodic > 0.) {
+      vec3 near = min(p, q), far = max(p, q);
+      float on = max(near.x, max(near.y, near.z));
+      b = min(b, min(far.x, min(far.y, far.z)));
+      if (on > a) { a = on; n = -sign(dir) * step(on, near); shine = .5 + .34 * max(dot(n, sun), 0.) + .1 * n.z; }
+    }
     vec3 part = kept(dir, a, b);
     if (part.x > part.y) discard;
-    light = part.x > a ? part.z : .34 + .56 * max(dot(n, normalize(-ahead + .5 * up - .35 * right)), 0.) + .1 * n.z;
+    light = part.x > a ? part.z : shine;
     depth = part.x * dot(dir, ahead);
   }
   color = vec4(rgb * light, 1.);
@@ -273,9 +286,11 @@ export class Drawing {
         gl.vertexAttribDivisor(i, quad);
       }
       gl.vertexAttrib1f(3, quad);
-      this.grains.use({ start: [start] });
-      if (quad) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, end - start);
-      else gl.drawArrays(gl.POINTS, 0, end - start);
+      for (let axes = 0; axes < (style.periodic[0] ? 8 : 1); axes++) {
+        this.grains.use({ start: [start], image: [axes & 1, (axes >> 1) & 1, axes >> 2] });
+        if (quad) gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, end - start);
+        else gl.drawArrays(gl.POINTS, 0, end - start);
+      }
     }
     for (let i = 0; i < 3; i++) gl.disableVertexAttribArray(i);
   }

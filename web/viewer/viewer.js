@@ -31,6 +31,8 @@ export class Viewer extends EventTarget {
   plane = null;
   /** Whether the matrix is drawn. */
   matrix = false;
+  /** Whether the specimen is a box whose opposite faces are joined. */
+  periodic = false;
   /** What it goes back to, beside the first pose. @type {Partial<Pick<Viewer, "cut" | "octant" | "matrix">>} */
   initial = {};
   show = [0, FAR];
@@ -156,6 +158,7 @@ export class Viewer extends EventTarget {
       octant: [Number(this.octant)],
       plane: this.plane ?? [0, 0, 0, FAR],
       matrix: [Number(this.matrix)],
+      periodic: [Number(this.periodic)],
       ink: [red / 255, green / 255, blue / 255, opacity],
     };
   }

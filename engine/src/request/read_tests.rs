@@ -163,7 +163,7 @@ fn every_fault_names_field_value_and_bound() {
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "classes", "classes": [{"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": 0.7}, {"d_min_mm": 2, "d_max_mm": 4, "mass_fraction": 0.7}]}),
-            "/mix/grading/classes: the mass fractions sum to 1.4: must be at most 1",
+            "/mix/grading/classes: the mass fractions sum to 1.4: must be at most 1, or 1.01 where a table is rounded",
         ),
         (
             |v| v["mix"]["grading"] = json!({"type": "classes", "classes": [{"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": 0.5}, {"d_min_mm": 2, "d_max_mm": 5, "mass_fraction": 0.5}]}),
@@ -409,6 +409,27 @@ fn a_request_built_in_code_is_held_to_the_same_bounds() {
     let mut endless = valid;
     endless.distance = Distance::None { wall_gap_mm: Some(f64::INFINITY) };
     assert_eq!(pointers(&endless), [""]);
+}
+
+/// The shares of printed tables are rounded: their sum may exceed 1 by 0.01, and they are divided by it.
+#[test]
+fn rounded_shares_of_classes_are_divided_by_their_sum() {
+    let read = |shares: [f64; 2]| {
+        let [coarse, fine] = shares;
+        let classes = json!([{"d_min_mm": 4, "d_max_mm": 8, "mass_fraction": fine},
+            {"d_min_mm": 8, "d_max_mm": 16, "mass_fraction": coarse}]);
+        let mix = json!({"grading": {"type": "classes", "classes": classes}, "volume_fraction": 0.3});
+        let request = json!({"specimen": {"type": "box", "size_mm": [60, 60, 60]}, "mix": mix});
+        PackingRequest::from_json(&request, 1).map(|request| match request.mix.grading {
+            Some(Grading::Classes { classes }) => {
+                classes.iter().map(|class| class.mass_fraction).collect::<Vec<_>>()
+            }
+            _ => Vec::new(),
+        })
+    };
+    assert_eq!(read([0.502, 0.5]).unwrap(), [0.5 / 1.002, 0.502 / 1.002]);
+    assert_eq!(read([0.5, 0.48]).unwrap(), [0.48, 0.5], "less is finer than all classes");
+    assert!(read([0.52, 0.5]).is_err());
 }
 
 /// MATLAB and R write a list of one as its element.

@@ -1,7 +1,7 @@
 //! The lattice discrete particle model of a finished packing (Cusatis, Pelessone and Mencarelli 2011,
 //! doi:10.1016/j.cemconcomp.2011.02.011).
 //!
-//! Grains and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
+//! Grains but for air voids (`voids`) and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay tetrahedralisation; each
 //! tetrahedron falls into facets between the cells of its nodes (`tessellation`); every lattice is checked
 //! (`measured`, `checks`, `clearances`) and then written (`chrono`, `vtu`). Facets are many and follow from the nodes:
 //! they are computed wherever they are needed, never kept. It knows grains and their specimen; it must never know how
@@ -20,6 +20,7 @@ mod sample;
 mod surface;
 mod tessellation;
 mod topology;
+mod voids;
 mod vtu;
 
 #[cfg(test)]
@@ -134,6 +135,9 @@ impl Export for LatticeOptions {
             LatticeFormat::Facets | LatticeFormat::Cells => 0.4,
             LatticeFormat::Tets => 0.9,
         };
+        let solid = voids::without_voids(model);
+        let of_solid = solid.as_ref().map(|grains| Model { grains: grains.into(), ..*model });
+        let model = of_solid.as_ref().unwrap_or(model);
         let lattice = Lattice::make(model, self, limits, &Part::new(control, 0.0, made))?;
         let threads = limits.export_threads;
         lattice.write(self, model.provenance, threads, &Part::new(control, made, 1.0), out)?;

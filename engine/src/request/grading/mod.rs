@@ -204,7 +204,8 @@ pub enum Grading {
         #[serde(skip_serializing_if = "is_default")]
         between: Between,
     },
-    /// Size classes with their share of the mass; what they leave to 1 is finer than all of them.
+    /// Size classes with their share of the mass; what they leave to 1 is finer than all of them. Shares that exceed 1
+    /// in sum by up to 0.01, as rounded tables do, are divided by their sum.
     Classes {
         /// The classes, which must not overlap.
         #[cfg_attr(feature = "openapi", schema(value_type = schema::OneOrMore<SizeClass>))]

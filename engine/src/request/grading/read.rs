@@ -12,6 +12,8 @@ use crate::request::{MAX_CURVE_POINTS, MIN_SHARE};
 use crate::sorting;
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
+/// The most by which the rounded mass fractions of a table exceed 1, as in tables that are read (`importer`).
+const TABLE_TOLERANCE: f64 = 0.01;
 const SHARE: Bound = Bound::closed(1.0e-9, 1.0e9, "");
 
 /// Reads the fields of one type of grading.
@@ -112,9 +114,17 @@ fn read_classes(object: &mut Object<'_>) -> Option<Grading> {
         classes.push(class);
     }
     let total: f64 = classes.iter().map(|c| c.mass_fraction).sum();
-    if total > 1.0 + SUM_TOLERANCE {
-        at.fault(format!("the mass fractions sum to {total}: must be at most 1"));
+    if total > 1.0 + TABLE_TOLERANCE {
+        let total = (total * 1e6).round() / 1e6;
+        at.fault(format!(
+            "the mass fractions sum to {total}: must be at most 1, or 1.01 where a table is rounded"
+        ));
         return None;
+    }
+    if total > 1.0 + SUM_TOLERANCE {
+        for class in &mut classes {
+            class.mass_fraction /= total;
+        }
     }
     let mut order: Vec<usize> = (0..classes.len()).collect();
     sorting::by_number(&mut order, |&i| classes[i].d_min_mm);

@@ -18,8 +18,10 @@ const NOT_FINISHED: i64 = 0;
 
 /// Most jobs that a listing counts: a count walks them all.
 const MOST_COUNTED: i64 = 10_000;
-/// Bytes of a request that is too long to be read for a few words.
-const LONG_REQUEST: i64 = 1 << 14;
+/// Bytes of a request that is read for a few words, whichever others are.
+const SHORT_REQUEST: i64 = 1 << 14;
+/// Bytes of the longer requests that are read for a few words, the newest first: some 20 ms.
+const LONG_REQUESTS: i64 = 1 << 22;
 /// The name of a job without regard to case: SQLite itself knows the case of ASCII letters alone.
 const FOLDED_NAME: &str =
     "replace(replace(replace(replace(lower(jobs.name), 'Ä', 'ä'), 'Ö', 'ö'), 'Ü', 'ü'), 'É', 'é')";
@@ -222,19 +224,27 @@ impl Store {
         })
     }
 
-    /// What jobs pack, by their numbers; those whose requests are long by themselves are left out. Of a list that the
-    /// requests of a study share an empty one is read.
+    /// What jobs pack, by their numbers; of long requests those are left out that together exceed [`LONG_REQUESTS`]. Of
+    /// a list that the requests of a study share an empty one is read.
     pub(crate) async fn overviews(&self, jobs: &[i64]) -> Result<HashMap<i64, Overview>, StoreError> {
         let rows = query(
             "select jobs.seq as seq,
                  case when r.part is null then r.body
                      else substr(r.body, 1, cast(r.part_at as integer)) || '[]'
                          || substr(r.body, cast(r.part_at as integer) + 1) end as body
-             from jobs join job_requests as r on r.job = jobs.seq
-             where jobs.seq in (select cast(value as bigint) from json_each(?)) and jobs.request_bytes <= ?",
+             from (select jobs.seq as seq, jobs.request_bytes as length,
+                     sum(case when jobs.request_bytes > ? and jobs.request_bytes <= ? then jobs.request_bytes else 0 end)
+                         over (order by jobs.seq desc) as so_far
+                 from jobs where jobs.seq in (select cast(value as bigint) from json_each(?))) as jobs
+             join job_requests as r on r.job = jobs.seq
+             where jobs.length <= ? or (jobs.length <= ? and jobs.so_far <= ?)",
         )
+        .bind(SHORT_REQUEST)
+        .bind(LONG_REQUESTS)
         .bind(to_json(&jobs)?)
-        .bind(LONG_REQUEST)
+        .bind(SHORT_REQUEST)
+        .bind(LONG_REQUESTS)
+        .bind(LONG_REQUESTS)
         .fetch_all(self.readers())
         .await?;
         let mut overviews = HashMap::with_capacity(rows.len());

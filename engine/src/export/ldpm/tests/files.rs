@@ -5,6 +5,8 @@ use super::{in_cylinder, with_clearance};
 use crate::Unattended;
 use crate::export::{Export as _, ExportError, Model, Provenance};
 use crate::plan::Limits;
+use crate::request::Materials;
+use crate::request::materials::Material;
 
 fn written(
     format: LatticeFormat,
@@ -53,6 +55,46 @@ fn grids_say_where_they_come_from() {
             assert!(fields.contains(field), "{fields}");
         }
     }
+}
+
+/// An aggregate without stiffness is air: its grains are no nodes, and the lattice is that of the others alone.
+#[test]
+fn air_voids_are_no_nodes() {
+    let (specimen, spheres) = in_cylinder();
+    let count = spheres.len();
+    let mixed =
+        crate::Spheres { aggregate: (0..count).map(|i| (i % 3 == 0).into()).collect(), ..spheres.clone() };
+    let mut stiff = crate::Spheres::default();
+    for grain in (0..count).filter(|i| i % 3 != 0) {
+        stiff.push(spheres.center(grain), spheres.d_mm[grain]);
+    }
+    let provenance = Provenance {
+        job_id: None,
+        name: None,
+        seed: Some(7),
+        engine_version: "1".into(),
+        volume_fraction_mixture: 0.5,
+        volume_fraction_effective: 0.25,
+        aggregates: vec![Some("gravel".into()), Some("air".into())],
+        result_sha256: None,
+    };
+    let modulus = |youngs_modulus_gpa| Material { youngs_modulus_gpa, ..Material::default() };
+    let materials = |air: f64| -> Materials {
+        [("gravel".to_owned(), modulus(Some(70.0))), ("air".to_owned(), modulus(Some(air)))]
+            .into_iter()
+            .collect()
+    };
+    let nodes = |spheres: &crate::Spheres, materials: Option<&Materials>| {
+        let model = Model::new(&specimen, spheres).with_provenance(&provenance).with_materials(materials);
+        let options = LatticeOptions { format: LatticeFormat::Tets, ..LatticeOptions::default() };
+        let report = options.write(&model, &Limits::default(), &Unattended, &mut Vec::new()).unwrap();
+        report.nodes
+    };
+    let alone = nodes(&stiff, None);
+    assert_eq!(nodes(&mixed, Some(&materials(0.0))), alone);
+    let all = nodes(&mixed, Some(&materials(1.0)));
+    assert_eq!(all, nodes(&spheres, None));
+    assert_ne!(all, alone);
 }
 
 /// Rows of numbers of one file of the archive, as Project Chrono's reader finds them.

@@ -1,0 +1,35 @@
+//! Air voids of a packing: grains of an aggregate whose material has no stiffness. The nodes of a lattice are the
+//! centres of stiff grains (Cusatis, Pelessone and Mencarelli 2011), so that voids are left out.
+
+use crate::export::Model;
+use crate::packing::{Grains, GrainsRef, Solids, Spheres};
+
+/// The grains without the air voids; `None` where there are no voids.
+pub(super) fn without_voids(model: &Model<'_>) -> Option<Grains> {
+    let (materials, provenance) = (model.materials?, model.provenance?);
+    let is_void = |aggregate: u16| {
+        let name = provenance.aggregates.get(usize::from(aggregate)).and_then(Option::as_deref);
+        materials.of_aggregate(name).and_then(|material| material.youngs_modulus_gpa) == Some(0.0)
+    };
+    let aggregate = model.grains.aggregate();
+    if !aggregate.iter().any(|&of| is_void(of)) {
+        return None;
+    }
+    let kept: Vec<usize> = (0..aggregate.len()).filter(|&grain| !is_void(aggregate[grain])).collect();
+    let of_kept = kept.iter().map(|&grain| aggregate[grain]).collect();
+    Some(match model.grains {
+        GrainsRef::Spheres(all) => {
+            let mut spheres = Spheres::with_capacity(kept.len());
+            for &grain in &kept {
+                spheres.push(all.center(grain), all.d_mm[grain]);
+            }
+            Grains::Spheres(Spheres { aggregate: of_kept, ..spheres })
+        }
+        GrainsRef::Solids(all) => Grains::Solids(Solids {
+            templates: all.templates.clone(),
+            shapes: kept.iter().map(|&grain| all.shapes[grain]).collect(),
+            poses: kept.iter().map(|&grain| all.poses[grain]).collect(),
+            aggregate: of_kept,
+        }),
+    })
+}
