@@ -1,60 +1,27 @@
-"""Fits the model of engine/src/plan/model.rs to the tables in data.json; needs numpy and scipy.
+"""Fits the reach of engine/src/plan/random.rs and model.rs to rows of measure.py; needs numpy and scipy.
 
-Run it from this folder: it prints the coefficients, and how far off they are on the studies left out
-(`"fitted": false`). The features are computed here anew, so that a slip in one of the two shows.
+    cargo run --release -p packstone-engine --features examples --example estimates < reach.jsonl > inputs.jsonl
+    python fit.py inputs.jsonl
+
+The example adds what the model sees of each mix. Reach and close packing are computed here anew, so that a slip in one
+of the two shows.
 """
 import heapq
 import json
-import math
+import sys
 
 import numpy as np
 from scipy.optimize import least_squares
 
-GAP = 0.7654
+GAP, EQUAL = 0.7654, 0.384
 
 
-def classes(template):
-    """(from, to, mass, exponent) of each class of the grading above d_min; mass ~ d**(exponent - 1)."""
-    grading, least = template["mix"]["grading"], template["mix"].get("d_min_mm", 0.0)
-    if grading["type"] == "fuller":
-        return [(least, grading["d_max_mm"], 1.0, grading["exponent"])]
-    if grading["type"] == "monodisperse":
-        return [(grading["diameter_mm"], grading["diameter_mm"], 1.0, 0.0)]
-    points = CURVES[grading["name"]]
-    found = []
-    for (a, pa), (b, pb) in zip(points, points[1:]):
-        if b > least:
-            low = max(a, least)
-            found.append((low, b, (pb - pa) * math.log(b / low) / math.log(b / a), 0.0))
-    return found
+def from_coarse(values):
+    """Sums over the grains that are at least as large."""
+    return np.cumsum(values[::-1])[::-1]
 
 
-# DIN 1045-2: share of the mass that passes each sieve, linear in ln(d) between them.
-CURVES = {
-    "A8": [(0.25, 0.05), (0.5, 0.14), (1, 0.21), (2, 0.36), (4, 0.61), (8, 1.0)],
-    "B8": [(0.25, 0.11), (0.5, 0.26), (1, 0.42), (2, 0.57), (4, 0.74), (8, 1.0)],
-    "A16": [(0.25, 0.03), (0.5, 0.08), (1, 0.12), (2, 0.21), (4, 0.36), (8, 0.60), (16, 1.0)],
-    "B16": [(0.25, 0.08), (0.5, 0.20), (1, 0.32), (2, 0.42), (4, 0.56), (8, 0.76), (16, 1.0)],
-    "A32": [(0.25, 0.02), (0.5, 0.05), (1, 0.08), (2, 0.14), (4, 0.23), (8, 0.38), (16, 0.62), (31.5, 1.0)],
-    "C32": [(0.25, 0.15), (0.5, 0.29), (1, 0.42), (2, 0.53), (4, 0.65), (8, 0.77), (16, 0.89), (31.5, 1.0)],
-}
-
-
-def sizes(template):
-    """Diameters and their relative numbers."""
-    d, number = [], []
-    for low, high, mass, q in classes(template):
-        if low == high:
-            return np.array([low]), np.array([1.0])
-        edges = np.geomspace(low, high, 401)
-        middle = np.sqrt(edges[1:] * edges[:-1])
-        share = np.diff(np.log(edges)) if q == 0 else np.diff(edges**q)
-        d.append(middle)
-        number.append(mass * share / share.sum() / middle**3)
-    return np.concatenate(d), np.concatenate(number)
-
-
-def random_close(d, number, rods=2000):
+def random_close(d, number, rods=1000):
     """Farr and Groot, J. Chem. Phys. 131, 244104 (2009)."""
     squares = np.concatenate([[0], np.cumsum(number * d * d)])
     count = np.concatenate([[0], np.cumsum(number)])
@@ -70,121 +37,61 @@ def random_close(d, number, rods=2000):
     return lengths.sum() / (lengths.sum() - sum(gaps))
 
 
-def features(template):
-    d, number = sizes(template)
-    coat = template.get("distance", {}).get("gap_mm", 0.0)
-    specimen = template["specimen"]
-    if specimen["type"] == "cylinder":
-        volume = math.pi / 4 * specimen["diameter_mm"] ** 2 * specimen["height_mm"]
-        walls = 4 / specimen["diameter_mm"] + 2 / specimen["height_mm"]
-    else:
-        volume = math.prod(specimen["size_mm"])
-        walls = 0 if specimen.get("boundary") == "periodic" else sum(2 / x for x in specimen["size_mm"])
-    bare, coated = (number * d**3).sum(), (number * (d + coat) ** 3).sum()
-    grains = volume * number.sum() / (bare * math.pi / 6)
-    d = d + coat
-    moment = lambda k: (number * d**k).sum()
-    share = number * d**3 / moment(3)
-    mean = (share * np.log(d)).sum()
-    spread = math.sqrt(max((share * np.log(d) ** 2).sum() - mean**2, 0))
-    least = min(low for low, _, _, _ in classes(template)) + coat
-    return dict(close=random_close(d, number), spread=spread, fines=mean - math.log(least),
-                walls=walls * moment(3) / moment(2), coating=coated / bare, grains=grains,
-                ratio=(max(high for _, high, _, _ in classes(template)) + coat) / least)
-
-
-def rows(studies, method, fitted):
-    for study in studies:
-        if study["fitted"] == fitted:
-            f = study["features"]
-            for row in study["rows"]:
-                if row["method"] == method:
-                    yield f, row["volume_fraction"] * f["coating"], row["volume_fraction"] * f["grains"], row
-
-
-def rsa_limits(studies, fitted):
-    """The middle between the highest that all runs reached and the lowest that not all did."""
-    for study in studies:
-        if study["fitted"] != fitted:
+def rows():
+    for line in open(sys.argv[1]):
+        row = json.loads(line)
+        reached = [run[0] for run in row["runs"] if run[1] == "succeeded"]
+        missed = [run[0] for run in row["runs"] if run[1] != "succeeded"]
+        if row["reach"] is None and reached and missed:
+            row["reach"] = (max(reached) + min(missed)) / 2
+        if not row["reach"]:
             continue
-        of = sorted((r["volume_fraction"], r["succeeded"] == r["runs"]) for r in study["rows"] if r["method"] == "rsa")
-        reached = [phi for phi, all_did in of if all_did]
-        not_reached = [phi for phi, all_did in of if not all_did]
-        if reached and not_reached:
-            yield study["features"], (max(reached) + min(not_reached)) / 2 * study["features"]["coating"]
+        d, number, surface, width = np.array(sorted(row["sizes"])).T
+        shares = number * d**3 / (number * d**3).sum()
+        row.update(d=d, number=number, shares=shares, grains=number.sum(), close=random_close(d, number),
+                   walls_of_mean=row["walls"] / (shares / d).sum(),
+                   form=np.log([(shares * surface).sum(), (shares * width).sum()]),
+                   angular=float(row["request"]["mix"].get("shape", {}).get("type") == "polyhedron"))
+        mean = (shares * np.log(d)).sum()
+        row["spread"] = np.sqrt(max((shares * np.log(d) ** 2).sum() - mean**2, 0))
+        yield row
 
 
-def report(name, off):
-    off = np.array(off)
-    print(f"  {name}: rms {np.sqrt((off**2).mean()):.4f}, largest {np.abs(off).max():.4f} of {len(off)}")
+def random(x, row, shape=(0, 0, 0, 0)):
+    near, near_power, close_power, walls, few = x
+    d, shares = row["d"], row["shares"]
+    aspherical, surface, width, angular = shape
+    g = np.exp((aspherical + angular * row["angular"]) * (1 - np.exp(-row["form"].sum() / 0.08))
+               + row["form"] @ [surface, width])
+    taken = from_coarse(shares) + g * (near * from_coarse(shares * d**-near_power) * d**near_power
+                                       + (1 / EQUAL - 1 - near) * from_coarse(shares * d**-close_power) * d**close_power)
+    left = np.maximum(0.3, 1 - walls * row["walls"] * d) * (1 - few / np.sqrt(np.maximum(1, from_coarse(row["number"]))))
+    return (left / taken).min()
+
+
+def growth(x, row, shape=(0, 0)):
+    bulk, walls, equal, few = x
+    share = bulk - walls * row["walls_of_mean"] - equal * np.exp(-((row["spread"] / 0.05) ** 2)) - few * row["grains"] ** (-1 / 3)
+    form = row["form"].sum()
+    return row["close"] * max(0.5, share) * np.exp(shape[0] * (1 - np.exp(-form / 0.08)) + shape[1] * form)
+
+
+def fit(name, predict, start, of):
+    off = lambda x: np.array([predict(x, row) - row["reach"] for row in of])
+    found = least_squares(off, start, loss="soft_l1", f_scale=0.01)
+    errors = np.quantile(abs(off(found.x)), [0.5, 0.9, 1]).round(4)
+    print(f"{name}, {len(of)} mixes: {found.x.round(4)}, error {errors} (median, 90 %, most)")
+    return found.x
 
 
 def main():
-    studies = json.load(open("data.json"))
-    for study in studies:
-        study["features"] = features(study["template"])
-
-    print("random sequential addition: EQUAL, SPREAD, FINES, WALLS")
-    row = lambda f: [1, -f["spread"], f["fines"], -f["walls"]]
-    known = list(rsa_limits(studies, True))
-    matrix = np.array([row(f) for f, _ in known])
-    target = np.array([-math.log(1 - phi) for _, phi in known])
-    x_limit = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    print(" ", x_limit.round(4))
-    limit = lambda f: 1 - math.exp(-np.dot(row(f), x_limit))
-    for fitted in (True, False):
-        report(f"limit, {'fitted' if fitted else 'left out'}", [limit(f) - phi for f, phi in rsa_limits(studies, fitted)])
-
-    def rsa_us(x, f, phi):
-        crowding = min(phi / limit(f), 1)
-        return math.exp(x[0]) + math.exp(x[1] + x[2] * (crowding - 1) + x[3] * f["spread"])
-
-    def rsa_off(x, fitted):
-        return [math.log(rsa_us(x, f, phi) / (r["time_s"] / n * 1e6) * max(n / 1e4, 1) ** 0.16)
-                for f, phi, n, r in rows(studies, "rsa", fitted) if r.get("time_s", 0) > 0.003]
-
-    x_time = least_squares(lambda x: rsa_off(x, True), [0, 4, 12, 2.3], loss="soft_l1").x
-    print("  LOOSE_US, CROWDED_US, FALL_OFF, CROWDED_SPREAD", np.exp(x_time[:2]).round(2), x_time[2:].round(2))
-    for fitted in (True, False):
-        report(f"ln(time), {'fitted' if fitted else 'left out'}", rsa_off(x_time, fitted))
-
-    def jamming(x, f, n):
-        equal = math.exp(-((f["spread"] / 0.05) ** 2))
-        return f["close"] * (x[3] - x[4] * f["walls"] - x[5] * f["walls"] ** 2 - x[6] * equal - x[7] * n ** (-1 / 3))
-
-    def start(f, phi):
-        """Where growth starts: `start` in model.rs, chosen by hand from measurements."""
-        share = 0.75 + 0.9 * (phi / limit(f) - 0.867) + 0.107 * math.log(max(f["ratio"] / 8, 1))
-        return min(limit(f) * min(max(share, 0.7), 0.88), 0.97**3 * phi)
-
-    def ln_events(x, f, phi, n):
-        share = min(phi / jamming(x, f, n), 0.99999)
-        to_grow = 1 - start(f, phi) / phi
-        return x[0] - x[1] * math.log(1 - share) + x[2] * math.log(share) + x[8] * math.log(to_grow)
-
-    def growth_off(x, fitted):
-        return [ln_events(x, f, phi, n) - math.log(r["events_per_grain"]) if r["succeeded"] == r["runs"]
-                else min(0, ln_events(x, f, phi, n) - math.log(2000) + 0.3)
-                for f, phi, n, r in rows(studies, "edmd", fitted) if r["succeeded"] in (0, r["runs"])]
-
-    least = [-8, 1, -10, 1, 0, -0.05, 0, 0, 0]
-    most = [8, 6, 40, 1.16, 0.3, 0.3, 0.2, 0.9, 4]
-    x = least_squares(lambda x: growth_off(x, True), [0, 2.2, 4, 1.1, 0.08, 0, 0.04, 0.31, 2], loss="soft_l1",
-                      bounds=(least, most)).x
-    print("growth: EVENTS, -GAP, FILLED, BULK, -WALLS, -WALLS_SQUARED, -EQUAL, -FEW, TO_GROW")
-    print(" ", x.round(4))
-    for fitted in (True, False):
-        report(f"ln(events), {'fitted' if fitted else 'left out'}", growth_off(x, fitted))
-
-    def growth_time_off(y, fitted):
-        return [math.log(n * (rsa_us(x_time, f, start(f, phi)) + math.exp(y[0]) + math.exp(y[1]) * r["events_per_grain"])
-                         * 1e-6 / r["time_s"])
-                for f, phi, n, r in rows(studies, "edmd", fitted) if r.get("time_s") and r["succeeded"]]
-
-    y = least_squares(lambda y: growth_time_off(y, True), [2, 0], loss="soft_l1").x
-    print("  START_US, EVENT_US", np.exp(y).round(2))
-    for fitted in (True, False):
-        report(f"ln(time), events known, {'fitted' if fitted else 'left out'}", growth_time_off(y, fitted))
+    all_rows = list(rows())
+    of = lambda what: [row for row in all_rows if row["what"] == what]
+    x = fit("random addition: NEAR, NEAR_POWER, CLOSE_POWER, WALLS, FEW", random, [1.25, 1.2, 3.5, 0.16, 0.2], of("rsa"))
+    fit("of shapes: ASPHERICAL, SURFACE, WIDTH, ANGULAR", lambda y, row: random(x, row, y), [-0.3, 0.3, 1.1, 0.2],
+        of("shapes-rsa"))
+    x = fit("growth, times REACH: BULK, -WALLS, -EQUAL, -FEW", growth, [1.08, 0.11, 0.06, 0.19], of("events"))
+    fit("by moves: ASPHERICAL, SURFACE = WIDTH", lambda y, row: growth(x, row, y), [0.12, -0.33], of("moves"))
 
 
 main()

@@ -218,6 +218,26 @@ impl ShapeSampler {
         })
     }
 
+    /// Mean surface and mean width of all grains, over those of spheres of their volumes.
+    pub(crate) fn mean_form(&self) -> [f64; 2] {
+        let mut bodies = Vec::new();
+        for shapes in self.by_part.iter().flatten() {
+            let mut before = 0.0;
+            for part in &shapes.parts {
+                part.forms.add_bodies(part.cumulative - before, self.measure, &mut bodies);
+                before = part.cumulative;
+            }
+        }
+        let (mut all, mut sums) = (0.0, [0.0; 2]);
+        for (share, _, body) in bodies {
+            let ball = ParallelBody::of_ball(cbrt(body.volume / sphere_volume(1.0)));
+            let of = [body.surface / ball.surface, body.mean_curvature / ball.mean_curvature];
+            all += share;
+            sums = arrays::from_fn(|i| sums[i] + share * of[i]);
+        }
+        if all > 0.0 { sums.map(|sum| sum / all) } else { [1.0; 2] }
+    }
+
     fn of_size(&self, part: u16, size_mm: f64) -> Option<&ShapesAbove> {
         let by_size = self.by_part.get(usize::from(part))?;
         by_size.iter().find(|shapes| size_mm > shapes.above_mm).or(by_size.last())

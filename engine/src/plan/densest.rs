@@ -6,7 +6,6 @@
 //! distances do not share.
 
 use super::estimate::Case;
-use super::shapes;
 use crate::distance::DistanceRule;
 use crate::elementary::{cbrt, log10};
 use crate::mix::GradedMix;
@@ -39,11 +38,7 @@ impl Drawing {
             let mix = GradedMix::new(&drawn.mix, drawn.specimen.volume_mm3());
             let rule = DistanceRule::new(&drawn.distance, &drawn.specimen);
             let case = Case::of_mix(&drawn, &mix, &rule);
-            let at_jamming = case.features.jamming(case.grains);
-            let at_jamming = mix
-                .shapes
-                .as_ref()
-                .map_or(at_jamming, |of| at_jamming.min(shapes::known(of.kind()).dense_reach));
+            let at_jamming = case.at_jamming();
             drawing = drawing.at_scale(cbrt(at_jamming / case.filled));
         }
         Some(drawing)

@@ -4,6 +4,7 @@
 
 use serde::Serialize;
 
+use super::grains;
 use super::model::{self, Features, LIKELY, STALL_EVENTS, bisect};
 use super::shapes;
 use crate::distance::DistanceRule;
@@ -13,6 +14,9 @@ use crate::mix::GradedMix;
 use crate::request::{
     Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
 };
+
+/// Expected grains below which there is one.
+pub(super) const ONE: f64 = 1.5;
 
 /// What one method is likely to do with a mix.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -125,33 +129,65 @@ impl<'a> Case<'a> {
         let options = self.options_of_events();
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
         let maximize = self.is_without_target();
-        let of_spheres = MethodEstimates {
-            rsa: MethodEstimate {
-                // It grows nothing, so it has no largest distance.
-                success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
-                time_s: features.rsa_time_s(filled, grains, attempts),
-                volume_fraction_with_coating_reach: features.rsa_reach(attempts),
+        let reach = features.rsa_reach(attempts);
+        let rsa = MethodEstimate {
+            // It grows nothing, so it has no largest distance.
+            success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
+            time_s: match &self.mix.shapes {
+                None => features.rsa_time_s(filled, grains, attempts),
+                Some(of) => {
+                    shapes::random_s(shapes::known(of.kind()), features.form(), filled / reach, grains)
+                }
             },
-            growth: MethodEstimate {
+            volume_fraction_with_coating_reach: reach,
+        };
+        let growth = match self.by_moves {
+            None => MethodEstimate {
                 success_probability: features.growth_success(filled, grains, &options),
                 // The largest distance is looked for until growth stalls, or as long as it may.
                 time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
+            Some(known) => self.growth_by_moves(known),
         };
-        let mut methods = match self.by_moves {
-            Some(known) => {
-                let limited = shapes::limited(of_spheres, known, filled, grains);
-                let rsa = if self.mix.shapes.is_some() { limited.rsa } else { of_spheres.rsa };
-                MethodEstimates { rsa, ..limited }
+        let mut methods = MethodEstimates { rsa, growth };
+        if grains < ONE && self.mix.shapes.is_none() && !maximize {
+            // A sphere that fits has a place.
+            for of in [&mut methods.rsa, &mut methods.growth] {
+                of.success_probability = 1.0;
+                of.volume_fraction_with_coating_reach = of.volume_fraction_with_coating_reach.max(filled);
             }
-            None => of_spheres,
-        };
+        }
         if self.to_jamming {
             // Whatever they reach is the target.
             methods.growth.success_probability = 1.0;
         }
         methods
+    }
+
+    /// What growth by moves is likely to do.
+    fn growth_by_moves(&self, known: &shapes::Known) -> MethodEstimate {
+        let (features, grains) = (&self.features, self.grains);
+        let limit = features.moves_limit(grains);
+        let share = (!self.is_without_target()).then_some(self.filled / limit);
+        let time_s = shapes::moves_s(known, features.form(), share, grains);
+        let most_s =
+            self.request.method.growth().and_then(|options| options.stop.time_s).unwrap_or(f64::INFINITY);
+        let within = model::likely_within(time_s, most_s);
+        let reach = |filled: f64| features.moves_success(filled, grains) >= LIKELY;
+        MethodEstimate {
+            success_probability: within * features.moves_success(self.filled, grains),
+            time_s: time_s.min(most_s),
+            volume_fraction_with_coating_reach: bisect(0.0, 1.0, reach),
+        }
+    }
+
+    /// Volume fraction, coating included, at which growing grains are expected to jam.
+    pub(super) fn at_jamming(&self) -> f64 {
+        match self.by_moves {
+            Some(_) => self.features.moves_jamming(self.grains),
+            None => self.features.jamming(self.grains),
+        }
     }
 
     /// The options of growth by events. What moves are expected to take is known without limits alone.
@@ -174,7 +210,8 @@ impl<'a> Case<'a> {
             start_fraction,
             start_work: features.rsa_time_s(start_fraction.min(self.filled), grains, None)
                 / (grains * model::event_s(grains)),
-            events_per_grain: if self.to_jamming {
+            events_per_grain: if maximize {
+                // It goes on until the grains jam.
                 STALL_EVENTS
             } else {
                 features.events_per_grain(self.filled, grains).min(STALL_EVENTS)
@@ -207,7 +244,7 @@ impl<'a> Case<'a> {
             Distance::None { wall_gap_mm: None }
             | Distance::Constant { wall_gap_mm: None, .. }
             | Distance::Maximize { wall_gap_mm: None }
-                if self.grains > 1.5 =>
+                if self.grains > ONE =>
             {
                 let most = self.mix.d_max_mm;
                 let reached = bisect(0.0, most, |mm| self.is_likely_at(mm, by_rsa));
@@ -222,14 +259,14 @@ impl<'a> Case<'a> {
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
         let features = features(self.request, self.mix, 1.0, distance_mm);
         let filled = self.mix.expected_coated_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
-        if self.by_moves.is_some_and(|known| filled > known.dense_reach) {
-            return false;
-        }
         match self.request.method {
             Method::Rsa { attempts_per_grain } if by_rsa => {
                 features.rsa_success(filled, attempts_per_grain) >= LIKELY
             }
-            _ => features.growth_success(filled, self.grains, &self.options_of_events()) >= LIKELY,
+            _ => match self.by_moves {
+                Some(_) => features.moves_success(filled, self.grains) >= LIKELY,
+                None => features.growth_success(filled, self.grains, &self.options_of_events()) >= LIKELY,
+            },
         }
     }
 
@@ -240,7 +277,7 @@ impl<'a> Case<'a> {
             beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
         }
         if let Some(known) = self.by_moves {
-            beyond.push(known.extrapolation.into());
+            beyond.extend(known.extrapolation.map(String::from));
         }
         if let Method::Rsa { attempts_per_grain: Some(_) } = self.request.method {
             beyond.push("a number of attempts per grain".into());
@@ -265,8 +302,10 @@ fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64)
     }
     Features::new(
         &sizes,
+        &grains::sizes(mix, factor, offset),
         [mix.d_min_mm, mix.d_max_mm].map(enlarged),
         request.specimen.domain().walls_per_mm(),
+        mix.shapes.as_ref().map_or(0.0, |of| shapes::known(of.kind()).angular),
     )
 }
 

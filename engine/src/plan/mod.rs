@@ -6,7 +6,9 @@
 
 mod densest;
 mod estimate;
+mod grains;
 mod model;
+mod random;
 mod rods;
 mod shapes;
 mod smallest;
@@ -28,7 +30,7 @@ use crate::request::{
     Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation,
 };
 pub(crate) use densest::Drawing;
-use estimate::Case;
+use estimate::{Case, ONE};
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
 
 /// What a run may use.
@@ -476,12 +478,16 @@ fn unlikely(case: &Case<'_>, likely: &MethodEstimate) -> Option<String> {
         Method::Rsa { .. } => "random sequential addition",
         _ => "growth",
     };
-    (likely.success_probability < UNLIKELY).then(|| {
-        format!(
-            "{method} is unlikely to reach a volume fraction of {:.3} (with coating): for this mix and specimen it \
-             reaches about {:.3}",
-            case.filled, likely.volume_fraction_with_coating_reach
-        )
+    let (filled, reach) = (case.filled, likely.volume_fraction_with_coating_reach);
+    (likely.success_probability < UNLIKELY).then(|| match () {
+        () if case.grains < ONE => {
+            format!("{method} is unlikely to place a single grain that fills {filled:.3} of the specimen")
+        }
+        () if reach >= filled => format!("{method} is unlikely to end within its limits"),
+        () => format!(
+            "{method} is unlikely to reach a volume fraction of {filled:.3} (with coating): for this mix and specimen \
+             it reaches about {reach:.3}"
+        ),
     })
 }
 
@@ -518,6 +524,19 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest
         ));
     }
     warnings
+}
+
+/// What the model of `docs/estimates.md` is fitted to: of each size of the mix, coating included, the diameter in mm, the
+/// number, and the surface and mean width over those of a sphere; and the surface of the walls over the volume in 1/mm.
+#[cfg(feature = "examples")]
+#[must_use]
+pub fn model_inputs(request: &PackingRequest) -> (Vec<[f64; 4]>, f64) {
+    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+    let rule = DistanceRule::new(&request.distance, &request.specimen);
+    let (factor, offset) = rule.enlargement(mix.d_min_mm);
+    let sizes = grains::sizes(&mix, factor, offset);
+    let rows = sizes.iter().map(|of| [of.diameter, of.number, of.surface, of.width]).collect();
+    (rows, request.specimen.domain().walls_per_mm())
 }
 
 #[cfg(test)]

@@ -5,23 +5,19 @@
 //! errors on cases left out of the fit, and how to fit again: `docs/estimates.md`. The module knows
 //! sizes, walls and limits; it must never pack.
 
+use super::grains::{self, Size};
+use super::random;
 use super::rods::random_close;
 use crate::elementary::{exp, ln, log10, powf};
 use crate::methods::edmd::MOST_START;
 use crate::request::GrowthOptions;
 
-/// Random sequential addition: `-ln(1 - phi)` at its end is linear in moments of the sizes.
+/// Random sequential addition, whose reach is that of [`random`](super::random).
 mod rsa {
-    /// Equal spheres.
-    pub(super) const EQUAL: f64 = 0.5195;
-    /// Per standard deviation of ln(d) by volume.
-    pub(super) const SPREAD: f64 = -0.688;
-    /// Per mean of ln(d) by volume above that of the smallest grain.
-    pub(super) const FINES: f64 = 0.9128;
-    /// Per share of walls.
-    pub(super) const WALLS: f64 = -0.1216;
-    /// Standard error of the limit on cases left out, and of single runs about it.
-    pub(super) const ERROR: f64 = 0.008;
+    /// Standard error of the reach on mixes left out of the fit,
+    pub(super) const ERROR: f64 = 0.007;
+    /// and of single runs about it, times the root of the number of grains.
+    pub(super) const RUNS: f64 = 0.08;
     /// A limited number of attempts ends sooner: by this much per power of ten below 1e7.
     pub(super) const PER_DECADE_OF_ATTEMPTS: f64 = 0.025;
     /// Microseconds per grain in a loose specimen,
@@ -38,29 +34,32 @@ mod rsa {
 
 /// Growth: jamming as a share of random close packing, and events per grain as a power law of the gap.
 mod growth {
-    pub(super) const BULK: f64 = 1.1197;
-    /// Per share of walls, and its square.
-    pub(super) const WALLS: f64 = -0.1241;
-    pub(super) const WALLS_SQUARED: f64 = 0.05;
+    pub(super) const BULK: f64 = 1.1171;
+    /// Per share of walls.
+    pub(super) const WALLS: f64 = -0.1185;
     /// Equal grains have nothing to exchange.
-    pub(super) const EQUAL: f64 = -0.0106;
+    pub(super) const EQUAL: f64 = -0.0595;
     /// Spread of ln(d) up to which grains are as good as equal.
     pub(super) const EQUAL_SPREAD: f64 = 0.05;
-    /// Per cube root of the number of grains.
-    pub(super) const FEW: f64 = -0.3678;
+    /// Per inverse cube root of the number of grains.
+    pub(super) const FEW: f64 = -0.0755;
     /// ln of events per grain: at no gap and full size,
     pub(super) const EVENTS: f64 = -1.8665;
     /// per ln of the gap,
     pub(super) const GAP: f64 = -3.6566;
     /// per ln of the volume fraction over that of jamming,
     pub(super) const FILLED: f64 = -4.7432;
+    /// with the least events at this share of jamming,
+    pub(super) const LEAST_EVENTS: f64 = 0.564;
     /// and per ln of the share of the volume that is still to grow at the start.
     pub(super) const TO_GROW: f64 = 1.5492;
     /// Standard error of ln(events).
-    pub(super) const ERROR: f64 = 0.4;
+    pub(super) const ERROR: f64 = 0.5;
     /// Events per grain beyond which, by this power law, few runs of the studies succeeded: it is flatter near
     /// its end than they are.
     pub(super) const LAST_SUCCESS: f64 = 2000.0;
+    /// Share of jamming that nine of ten runs reach.
+    pub(super) const REACH: f64 = 0.94;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
@@ -71,9 +70,34 @@ mod growth {
     pub(super) const START_CACHE: f64 = 0.25;
 }
 
+/// Growth by moves of grains that are no spheres: what it reaches over what growth of spheres does, by the surface and
+/// the mean width over those of spheres.
+mod moves {
+    /// ln of the share of round grains that are a little longer or flatter: they pack denser (Donev et al. 2004),
+    pub(super) const ASPHERICAL: f64 = 0.14;
+    /// which is reached at about this ln of surface times width.
+    pub(super) const SMALL: f64 = 0.08;
+    /// Per ln of the surface and of the width.
+    pub(super) const SURFACE: f64 = -0.37;
+    pub(super) const WIDTH: f64 = -0.37;
+    /// Angular grains are stopped by their faces.
+    pub(super) const ANGULAR: f64 = -0.04;
+    /// Standard error of the reach on mixes left out of the fit, and of single runs.
+    pub(super) const ERROR: f64 = 0.025;
+    pub(super) const RUNS: f64 = 0.006;
+}
+
 /// Where growth starts, as a share of the limit of random sequential addition: where the time of both together was
 /// least in measurements (`docs/estimates.md`, "Start of growth").
 mod start {
+    /// The limit of random addition by which starts were chosen: `-ln(1 - phi)` for equal spheres,
+    pub(super) const EQUAL: f64 = 0.5195;
+    /// per standard deviation of ln(d) by volume,
+    pub(super) const SPREAD: f64 = -0.688;
+    /// per mean of ln(d) by volume above that of the smallest grain,
+    pub(super) const FINES: f64 = 0.9128;
+    /// and per share of walls.
+    pub(super) const WALLS: f64 = -0.1216;
     /// For a target at this share of the limit,
     pub(super) const TARGET: f64 = 0.867;
     /// the share is this,
@@ -96,6 +120,8 @@ mod covered {
     pub(super) const SPREAD: f64 = 0.8;
     pub(super) const WALLS: f64 = 1.1;
     pub(super) const GRAINS: std::ops::RangeInclusive<f64> = 300.0..=3e6;
+    /// Factor on standard errors there.
+    pub(super) const WIDER: f64 = 1.5;
 }
 
 /// A mix as the model sees it, with the distances as a coating, in a specimen.
@@ -107,27 +133,50 @@ pub(crate) struct Features {
     spread: f64,
     /// Mean of ln(d) by volume above that of the smallest grain.
     fines: f64,
+    /// Volume fraction that nine of ten runs of random sequential addition reach,
+    random: f64,
+    /// and the standard deviation of single runs.
+    random_runs: f64,
+    /// Number of the grains.
+    grains: f64,
     /// Surface of the walls over the volume, times the ratio of the third to the second moment of the
     /// diameters.
     walls: f64,
     /// Largest diameter over the smallest.
     ratio: f64,
+    /// Surface and mean width of the grains over those of spheres, in the mean by volume.
+    form: [f64; 2],
+    /// Share of the grains that are angular.
+    angular: f64,
 }
 
 impl Features {
     /// Of diameters with their numbers from fine to coarse, the bounds that they stand within, and the
-    /// surface of walls per volume in 1/mm.
-    pub(crate) fn new(sizes: &[(f64, f64)], [least, largest]: [f64; 2], walls_per_mm: f64) -> Self {
+    /// surface of walls per volume in 1/mm; `grains` are the same sizes with their forms, of
+    /// which a share is `angular`.
+    pub(crate) fn new(
+        sizes: &[(f64, f64)],
+        grains: &[Size],
+        [least, largest]: [f64; 2],
+        walls_per_mm: f64,
+        angular: f64,
+    ) -> Self {
         let moment = |of: &dyn Fn(f64) -> f64| sizes.iter().map(|&(d, number)| number * of(d)).sum::<f64>();
         let volume = moment(&|d| d.powi(3));
         let mean = moment(&|d| d.powi(3) * ln(d)) / volume;
+        let number = moment(&|_| 1.0);
         let variance = moment(&|d| d.powi(3) * (ln(d) - mean).powi(2)) / volume;
         Self {
             random_close: random_close(sizes),
             spread: variance.sqrt(),
             fines: mean - ln(least),
+            random: random::reach(grains, walls_per_mm, angular),
+            random_runs: rsa::RUNS / number.max(1.0).sqrt(),
+            grains: number,
             walls: walls_per_mm * volume / moment(&|d| d * d),
             ratio: largest / least,
+            form: grains::mean_form(grains),
+            angular,
         }
     }
 
@@ -141,6 +190,11 @@ impl Features {
         self.walls
     }
 
+    /// Surface and mean width of the grains over those of spheres.
+    pub(crate) fn form(&self) -> [f64; 2] {
+        self.form
+    }
+
     /// Standard deviation of ln(d) by volume.
     pub(crate) fn spread(&self) -> f64 {
         self.spread
@@ -151,18 +205,25 @@ impl Features {
         self.ratio
     }
 
-    /// Volume fraction, coating included, at which random sequential addition ends.
+    /// Volume fraction, coating included, that nine of ten runs of random sequential addition reach.
     pub(crate) fn rsa_limit(&self, attempts_per_grain: Option<u64>) -> f64 {
-        let voids =
-            rsa::EQUAL + rsa::SPREAD * self.spread + rsa::FINES * self.fines + rsa::WALLS * self.walls;
         let fewer = attempts_per_grain.map_or(0.0, |attempts| (7.0 - log10(attempts as f64)).max(0.0));
-        (1.0 - exp(-voids) - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
+        (self.random - rsa::PER_DECADE_OF_ATTEMPTS * fewer).max(0.05)
+    }
+
+    /// The limit of random addition by which growth starts. Packings of every seed depend on it: it is no forecast.
+    fn start_limit(&self) -> f64 {
+        let voids = start::EQUAL
+            + start::SPREAD * self.spread
+            + start::FINES * self.fines
+            + start::WALLS * self.walls;
+        (1.0 - exp(-voids)).max(0.05)
     }
 
     /// Volume fraction, coating included, up to which random placing is cheaper than growth to a target; an infinite
     /// target stands for the largest distance.
     pub(crate) fn growth_start(&self, filled: f64) -> f64 {
-        let limit = self.rsa_limit(None);
+        let limit = self.start_limit();
         let wide = ln((self.ratio / start::RATIO).max(1.0));
         let by_target = start::PER_TARGET * (filled / limit - start::TARGET);
         let share = start::SHARE + by_target + start::PER_RATIO * wide;
@@ -179,7 +240,6 @@ impl Features {
         let equal = exp(-(self.spread / growth::EQUAL_SPREAD).powi(2));
         let share = growth::BULK
             + growth::WALLS * self.walls
-            + growth::WALLS_SQUARED * self.walls.powi(2)
             + growth::EQUAL * equal
             + growth::FEW * powf(grains.max(1.0), -1.0 / 3.0);
         // Of very few grains in large walls nothing is known; they are not looser than that.
@@ -188,7 +248,8 @@ impl Features {
 
     /// Events per grain that growth to a volume fraction takes; infinite where it jams before.
     pub(crate) fn events_per_grain(&self, filled: f64, grains: f64) -> f64 {
-        let share = filled / self.jamming(grains);
+        // Looser grains take no more events.
+        let share = (filled / self.jamming(grains)).max(growth::LEAST_EVENTS);
         if share >= 1.0 {
             return f64::INFINITY;
         }
@@ -207,7 +268,10 @@ impl Features {
 
     /// Probability that random sequential addition reaches a volume fraction.
     pub(crate) fn rsa_success(&self, filled: f64, attempts_per_grain: Option<u64>) -> f64 {
-        normal((self.rsa_limit(attempts_per_grain) - filled) / rsa::ERROR)
+        // Nine of ten runs reach the limit, where the model is right.
+        let middle = self.rsa_limit(attempts_per_grain) + QUANTILE * self.random_runs;
+        let error = rsa::ERROR * self.wider(self.grains);
+        normal((middle - filled) / (self.random_runs.powi(2) + error.powi(2)).sqrt())
     }
 
     /// Events per grain that the options leave growth.
@@ -239,9 +303,40 @@ impl Features {
         bisect(0.0, self.jamming(grains), |filled| self.growth_success(filled, grains, options) >= LIKELY)
     }
 
+    /// Volume fraction, coating included, that nine of ten runs of growth by moves reach.
+    pub(crate) fn moves_limit(&self, grains: f64) -> f64 {
+        growth::REACH * self.moves_jamming(grains)
+    }
+
+    /// Volume fraction, coating included, at which so many grains jam that grow by moves.
+    pub(crate) fn moves_jamming(&self, grains: f64) -> f64 {
+        let [surface, width] = self.form.map(ln);
+        let aspherical = 1.0 - exp(-(surface + width) / moves::SMALL);
+        let by_form = (moves::ASPHERICAL + moves::ANGULAR * self.angular) * aspherical
+            + moves::SURFACE * surface
+            + moves::WIDTH * width;
+        (self.jamming(grains) * exp(by_form)).min(1.0)
+    }
+
+    /// Probability that growth by moves reaches a volume fraction.
+    pub(crate) fn moves_success(&self, filled: f64, grains: f64) -> f64 {
+        let middle = self.moves_limit(grains) + QUANTILE * moves::RUNS;
+        let error = moves::ERROR * self.wider(grains);
+        normal((middle - filled) / (moves::RUNS.powi(2) + error.powi(2)).sqrt())
+    }
+
     /// The same of random sequential addition.
     pub(crate) fn rsa_reach(&self, attempts_per_grain: Option<u64>) -> f64 {
         bisect(0.0, 1.0, |filled| self.rsa_success(filled, attempts_per_grain) >= LIKELY)
+    }
+
+    /// Factor on the standard errors of what is reached: where the mix lies beyond the studies, they are wider.
+    fn wider(&self, grains: f64) -> f64 {
+        let is_covered = self.ratio <= covered::RATIO * 1.01
+            && self.spread <= covered::SPREAD
+            && self.walls <= covered::WALLS
+            && covered::GRAINS.contains(&grains);
+        if is_covered { 1.0 } else { covered::WIDER }
     }
 
     /// In what the mix lies beyond the studies, in words.
@@ -271,8 +366,10 @@ impl Features {
 /// Events per grain at which growth is usually found to have stalled.
 pub(crate) const STALL_EVENTS: f64 = growth::STALL;
 
-/// What counts as likely.
+/// What counts as likely,
 pub(crate) const LIKELY: f64 = 0.9;
+/// and the quantile of the normal distribution that belongs to it.
+const QUANTILE: f64 = 1.281_55;
 
 pub(super) fn event_s(grains: f64) -> f64 {
     growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::EVENT_CACHE)
@@ -281,6 +378,11 @@ pub(super) fn event_s(grains: f64) -> f64 {
 /// What starting to grow costs per grain.
 fn start_s(grains: f64) -> f64 {
     growth::START_US * 1e-6 * beyond_cache(grains, growth::START_CACHE)
+}
+
+/// Probability that what is expected to take some time takes no more than another.
+pub(super) fn likely_within(time_s: f64, most_s: f64) -> f64 {
+    normal(ln(most_s / time_s) / growth::ERROR)
 }
 
 fn beyond_cache(grains: f64, exponent: f64) -> f64 {

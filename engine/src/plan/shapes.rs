@@ -1,18 +1,11 @@
 //! The plan of a mix whose grains have shapes or grow by moves: whether its largest grain fits, what no arrangement
-//! reaches, and what the methods are likely to reach in which time.
-//!
-//! What is known: ellipsoids 1.5:1.2:1 by Fuller's curve 2..16 mm in a cube of 80 mm, some 8000 grains, which random
-//! addition packs to 0.63 and the dense method to 0.74 in the times of the tables below; and polyhedra of 21 faces and
-//! 37 corners, stretched by the same ratios, in the same cube, which they pack to 0.57 and 0.68. Other mixes are taken
-//! to reach no more, and no more than spheres of their sizes.
+//! reaches, and how much time and memory its grains take. What they reach is told by the [`model`](super::model).
 
 use std::cell::Cell;
 
-use super::estimate::{MethodEstimate, MethodEstimates};
 use super::invalid;
-use super::model::LIKELY;
 use crate::distance::DistanceRule;
-use crate::elementary::{exp, ln, powf};
+use crate::elementary::{exp, powf};
 use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::request::{GrainKind, PackingRequest, Specimen};
@@ -24,23 +17,35 @@ use crate::sorting;
 pub(super) const EQUAL_ELLIPSOIDS: f64 = 0.772;
 /// Densest packing of equal polyhedra: some fill space.
 pub(super) const EQUAL_POLYHEDRA: f64 = 1.0;
-/// Width of the range of volume fractions in which success turns into failure.
-const WIDTH: f64 = 0.01;
 /// Relative error of lengths that were searched for.
 const ROUNDING: f64 = 1.0e-5;
-/// Grains of the mixes that were measured.
-const MEASURED_GRAINS: f64 = 8000.0;
+/// Times of grains of other shapes in microseconds per grain, by the product `e` of their surface and mean width over
+/// those of spheres, less 1.
+mod time {
+    /// Growth by moves, times the share of the reach that is left: of spheres, and per `e`,
+    pub(super) const MOVES: [f64; 2] = [12.0, 60.0];
+    /// and that share where a target is hardly reached;
+    pub(super) const JAMMED: f64 = 0.003;
+    /// without a target grains grow until nothing moves: the same factor.
+    pub(super) const TO_JAMMING: f64 = 1.0e4;
+    /// Polyhedra take longer by this share.
+    pub(super) const ANGULAR: f64 = 2.5;
+    /// Random addition, likewise: of spheres, of far other shapes beside, and the number of grains and the power of it
+    /// with which they become fewer.
+    pub(super) const RANDOM: [f64; 2] = [20.0, 600.0];
+    pub(super) const RANDOM_JAMMED: f64 = 0.01;
+    pub(super) const RANDOM_GRAINS: f64 = 100.0;
+    pub(super) const RANDOM_POWER: f64 = -0.1;
+    /// How fast random addition becomes slow (exponent per share of the reach).
+    pub(super) const CROWDED: f64 = 8.0;
+    /// Time of the templates of angular grains in s.
+    pub(super) const TEMPLATES_S: f64 = 0.1;
+}
 
-/// What the methods were found to do with the grains of a kind.
+/// What is known of the grains of a kind.
 pub(super) struct Known {
-    /// Volume fraction, coating included, that random addition reached.
-    random_reach: f64,
-    /// The same of the dense method.
-    pub(super) dense_reach: f64,
-    /// Time of random addition, in s, by volume fraction.
-    random_times_s: &'static [(f64, f64)],
-    /// Time of the dense method, in s, by volume fraction.
-    dense_times_s: &'static [(f64, f64)],
+    /// Share of the grains that are angular.
+    pub(super) angular: f64,
     /// Memory per grain, in bytes, while grains grow.
     bytes_per_growing_grain: f64,
     /// The same where random addition places all of them.
@@ -48,43 +53,30 @@ pub(super) struct Known {
     /// More for every corner of a grain.
     bytes_per_corner: f64,
     /// What the estimates are worth.
-    pub(super) extrapolation: &'static str,
+    pub(super) extrapolation: Option<&'static str>,
 }
 
 const ELLIPSOIDS: Known = Known {
-    random_reach: 0.63,
-    dense_reach: 0.74,
-    random_times_s: &[(0.50, 0.15), (0.55, 0.4), (0.60, 1.2), (0.63, 2.6)],
-    dense_times_s: &[(0.50, 0.2), (0.60, 0.8), (0.65, 1.1), (0.70, 2.3), (0.73, 5.6), (0.75, 14.0)],
+    angular: 0.0,
     bytes_per_growing_grain: 750.0,
     bytes_per_placed_grain: 1050.0,
     bytes_per_corner: 0.0,
-    extrapolation: "shaped grains, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
+    extrapolation: None,
 };
 
 const POLYHEDRA: Known = Known {
-    random_reach: 0.57,
-    dense_reach: 0.68,
-    random_times_s: &[(0.50, 0.7), (0.55, 3.3), (0.57, 7.0)],
-    dense_times_s: &[(0.50, 1.0), (0.55, 2.0), (0.60, 3.6), (0.65, 8.0), (0.68, 30.0)],
+    angular: 1.0,
     bytes_per_growing_grain: 800.0,
     bytes_per_placed_grain: 800.0,
     bytes_per_corner: 48.0,
-    extrapolation: "shaped grains, taken to reach at most what polyhedra of 21 faces, stretched by \
-                    1.5:1.2:1, by Fuller's curve do",
+    extrapolation: None,
 };
 
-/// Half polyhedra by volume; mixes with fewer of them are faster. What they reach was not searched for.
 const MIXED: Known =
-    Known { dense_times_s: &[(0.50, 0.7), (0.55, 1.4), (0.60, 2.3), (0.65, 5.0), (0.68, 19.0)], ..POLYHEDRA };
+    Known { angular: 0.5, extrapolation: Some("ellipsoids and polyhedra, taken as their mean"), ..POLYHEDRA };
 
-/// Spheres by the same moves, which take 0.57 of the time (`docs/development/measurements-spheres.md`, "Spheres by
-/// moves").
-const SPHERES: Known = Known {
-    dense_times_s: &[(0.50, 0.11), (0.60, 0.46), (0.65, 0.63), (0.70, 1.3), (0.73, 3.2), (0.75, 8.0)],
-    extrapolation: "spheres that grow by moves, taken to reach at most what ellipsoids 1.5:1.2:1 by Fuller's curve do",
-    ..ELLIPSOIDS
-};
+const SPHERES: Known =
+    Known { extrapolation: Some("spheres that grow by moves, taken as round ellipsoids"), ..ELLIPSOIDS };
 
 /// What is known of growth by moves of grains of a kind.
 pub(super) fn known(kind: GrainKind) -> &'static Known {
@@ -107,30 +99,23 @@ pub(super) fn bytes_per_grain(shapes: Option<&ShapeSampler>, grows: bool) -> f64
     per_grain + known.bytes_per_corner * if templates > 0.0 { corners / templates } else { 0.0 }
 }
 
-/// The estimates of spheres of the same sizes, limited to what is known of growth by moves.
-pub(super) fn limited(spheres: MethodEstimates, known: &Known, filled: f64, grains: f64) -> MethodEstimates {
-    let limit = |of_spheres: MethodEstimate, most: f64, times: &[(f64, f64)]| {
-        let reach = of_spheres.volume_fraction_with_coating_reach.min(most);
-        // The logistic function that is LIKELY at the reach.
-        let at_reach = ln(LIKELY / (1.0 - LIKELY));
-        let probability = 1.0 / (1.0 + exp((filled - reach) / WIDTH - at_reach));
-        MethodEstimate {
-            success_probability: probability.min(of_spheres.success_probability),
-            time_s: time_s(times, filled.min(reach)) * grains / MEASURED_GRAINS,
-            volume_fraction_with_coating_reach: reach,
-        }
-    };
-    MethodEstimates {
-        rsa: limit(spheres.rsa, known.random_reach, known.random_times_s),
-        growth: limit(spheres.growth, known.dense_reach, known.dense_times_s),
-    }
+/// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` has the surface and the mean
+/// width over those of spheres.
+pub(super) fn moves_s(known: &Known, form: [f64; 2], share: Option<f64>, grains: f64) -> f64 {
+    let [round, other] = time::MOVES;
+    let us = (round + other * (form[0] * form[1] - 1.0)) * (1.0 + time::ANGULAR * known.angular);
+    let steps = share.map_or(time::TO_JAMMING, |share| 1.0 / (1.0 - share.min(1.0) + time::JAMMED));
+    known.angular * time::TEMPLATES_S + grains * us * 1e-6 * steps
 }
 
-/// Time at a volume fraction: exponential between the points and beyond them.
-fn time_s(points: &[(f64, f64)], filled: f64) -> f64 {
-    let i = points.partition_point(|(fraction, _)| *fraction < filled).clamp(1, points.len() - 1);
-    let [(from, before), (to, after)] = [points[i - 1], points[i]];
-    before * powf(after / before, (filled - from) / (to - from))
+/// The same of random addition of shaped grains.
+pub(super) fn random_s(known: &Known, form: [f64; 2], share: f64, grains: f64) -> f64 {
+    let [round, other] = time::RANDOM;
+    let share = share.min(1.0);
+    let us = round + other * (1.0 - exp(1.0 - form[0] * form[1]));
+    let crowded = exp(time::CROWDED * (share - 1.0)) / (1.0 - share + time::RANDOM_JAMMED);
+    let by_number = powf((grains / time::RANDOM_GRAINS).max(1.0), time::RANDOM_POWER);
+    known.angular * time::TEMPLATES_S + grains * us * 1e-6 * crowded * by_number
 }
 
 /// Refuses a mix of which no grain of the largest size fits into the specimen, with its distances.

@@ -168,3 +168,31 @@ fn threads_have_work_where_many_spheres_are_placed_at_random_or_grow() {
     assert_eq!(most(2.0, 0.6, "edmd"), 1);
     assert_eq!(most(2.0, 0.6, "rsa"), 1);
 }
+
+/// `repairs.md` A1: the run proves that nothing fits from 0.569 on.
+#[test]
+fn ballast_is_forecast_from_its_sizes() {
+    let value = json!({
+        "specimen": {"type": "box", "size_mm": [450, 450, 450]},
+        "mix": {
+            "grading": {"type": "sieves", "points": [
+                [9.5, 0.015], [19.05, 0.05], [25.4, 0.22], [38.1, 0.75], [50.8, 0.95], [63.5, 1],
+            ]},
+            "d_min_mm": 9.5, "volume_fraction": 0.6, "volume_fraction_of": "placed_grains",
+        },
+        "method": {"type": "rsa"},
+    });
+    let plan = plan(&value).unwrap();
+    assert!(plan.success_probability < 0.05, "{plan:?}");
+    let reach = plan.methods.rsa.volume_fraction_with_coating_reach;
+    assert!((0.53..0.58).contains(&reach), "{reach}");
+}
+
+/// `repairs.md` A3: the start of growth to the largest distance is a small part of the work.
+#[test]
+fn growth_without_a_target_is_expected_to_go_on_until_grains_jam() {
+    let mut value = box_of(70.0, &standard("A16", 2.0, 0.6), &json!({"type": "maximize"}));
+    value["method"] = json!({"type": "edmd", "stop": {"time_s": 60}});
+    let growth = plan(&value).unwrap().growth;
+    assert!(growth.events_per_grain > 100.0 * growth.start_work, "{growth:?}");
+}

@@ -1,16 +1,18 @@
 //! `packstone bench`: the engine's figures on this machine, as a table beside what they should be.
 //!
 //! Every case runs in a process of its own, so that its peak of memory is its own. The kernels are
-//! measured by `cargo bench -p packstone-engine`. `cases` lists what is measured, `measure` measures
+//! measured by `cargo bench -p packstone-engine`. `forecast` compares plans with runs. `cases` lists what is measured, `measure` measures
 //! it, `ladder` finds the highest amount that is reached, `meter` reads the clocks. The table knows
 //! problems and how they ended; it must never know how they are computed.
 
 mod cases;
+mod forecast;
 mod ladder;
 mod measure;
 mod meter;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
@@ -26,7 +28,7 @@ use cases::{Case, cases};
 #[derive(Args)]
 pub(super) struct Options {
     /// Run only the cases whose name contains this (`rsa`, `edmd` and `shapes` are the groups), or the one case
-    /// of exactly this name
+    /// of exactly this name; `forecast` compares forecasts with runs instead
     #[arg(long)]
     only: Option<String>,
     /// Seeds of each case, instead of its own number
@@ -35,6 +37,24 @@ pub(super) struct Options {
     /// Print one JSON object per case instead of a table
     #[arg(long)]
     json: bool,
+    /// Seed of the requests that `--only forecast` draws
+    #[arg(long, default_value_t = 1)]
+    draw: u64,
+    /// Requests that `--only forecast` draws
+    #[arg(long, default_value_t = 200)]
+    count: u64,
+    /// Folder of the records of `--only forecast`, which are not measured twice
+    #[arg(long, value_name = "FOLDER")]
+    resume: Option<PathBuf>,
+    /// CPU seconds that `--only forecast` gives a run; one that takes longer has not reached its volume fraction
+    #[arg(long, value_name = "S", default_value_t = 200.0)]
+    budget: f64,
+    /// Most grains of the requests that `--only forecast` draws
+    #[arg(long, default_value_t = 100_000.0)]
+    most_grains: f64,
+    /// Pack the request of standard input: what `--only forecast` starts itself with
+    #[arg(long, hide = true)]
+    packing: bool,
     /// Run one case in this process and print its figures: what the command starts itself with
     #[arg(long, hide = true)]
     case: Option<String>,
@@ -73,6 +93,20 @@ const HEAD: &str = "| case | measured | at least | moonshot | grains | succeeded
                     |---|---|---|---|---|---|---|---|---|---|---|---|\n";
 
 pub(super) fn run(options: &Options) -> Result<(), Failure> {
+    if options.packing {
+        return print(&forecast::from_input()?);
+    }
+    if options.only.as_deref() == Some("forecast") {
+        return forecast::run(&forecast::Options {
+            seed: options.draw,
+            count: options.count,
+            folder: options.resume.as_deref(),
+            budget_s: options.budget,
+            runs: options.seeds.unwrap_or(10),
+            most_grains: options.most_grains,
+            json: options.json,
+        });
+    }
     let cases = cases();
     if let Some(name) = &options.case {
         // Without the others: their lists of diameters are memory, which is measured.
