@@ -256,6 +256,36 @@ impl<'a> GrainsRef<'a> {
         }
     }
 
+    /// The grains of these rows alone, in the order of the rows.
+    ///
+    /// # Panics
+    /// Without a grain of a row.
+    #[must_use]
+    pub fn of_rows(self, rows: &[usize]) -> Grains {
+        fn picked<T: Copy>(column: &[T], rows: &[usize]) -> Vec<T> {
+            rows.iter().map(|&row| column[row]).collect()
+        }
+        let aggregate = match self.aggregate() {
+            [] => Vec::new(),
+            all => picked(all, rows),
+        };
+        match self {
+            Self::Spheres(all) => {
+                let mut spheres = Spheres::with_capacity(rows.len());
+                for &row in rows {
+                    spheres.push(all.center(row), all.d_mm[row]);
+                }
+                Grains::Spheres(Spheres { aggregate, ..spheres })
+            }
+            Self::Solids(all) => Grains::Solids(Solids {
+                templates: all.templates.clone(),
+                shapes: picked(&all.shapes, rows),
+                poses: picked(&all.poses, rows),
+                aggregate,
+            }),
+        }
+    }
+
     /// Number of grains.
     #[must_use]
     pub fn len(&self) -> usize {

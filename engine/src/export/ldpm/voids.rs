@@ -2,7 +2,7 @@
 //! centres of stiff grains (Cusatis, Pelessone and Mencarelli 2011), so that voids are left out.
 
 use crate::export::Model;
-use crate::packing::{Grains, GrainsRef, Solids, Spheres};
+use crate::packing::Grains;
 
 /// The grains without the air voids; `None` where there are no voids.
 pub(super) fn without_voids(model: &Model<'_>) -> Option<Grains> {
@@ -16,20 +16,5 @@ pub(super) fn without_voids(model: &Model<'_>) -> Option<Grains> {
         return None;
     }
     let kept: Vec<usize> = (0..aggregate.len()).filter(|&grain| !is_void(aggregate[grain])).collect();
-    let of_kept = kept.iter().map(|&grain| aggregate[grain]).collect();
-    Some(match model.grains {
-        GrainsRef::Spheres(all) => {
-            let mut spheres = Spheres::with_capacity(kept.len());
-            for &grain in &kept {
-                spheres.push(all.center(grain), all.d_mm[grain]);
-            }
-            Grains::Spheres(Spheres { aggregate: of_kept, ..spheres })
-        }
-        GrainsRef::Solids(all) => Grains::Solids(Solids {
-            templates: all.templates.clone(),
-            shapes: kept.iter().map(|&grain| all.shapes[grain]).collect(),
-            poses: kept.iter().map(|&grain| all.poses[grain]).collect(),
-            aggregate: of_kept,
-        }),
-    })
+    Some(model.grains.of_rows(&kept))
 }
