@@ -1,4 +1,5 @@
-//! Adds to rows of `docs/estimates/measure.py`, from standard input, what the model of `docs/estimates.md` sees of them:
+//! Adds to rows of `docs/estimates/measure.py`, from standard input, what the model of `docs/estimates.md` sees of
+//! them:
 //!
 //!     cargo run --release -p packstone-engine --features examples --example estimates < rows.jsonl > data.jsonl
 //!

@@ -526,8 +526,9 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest
     warnings
 }
 
-/// What the model of `docs/estimates.md` is fitted to: of each size of the mix, coating included, the diameter in mm, the
-/// number, and the surface and mean width over those of a sphere; and the surface of the walls over the volume in 1/mm.
+/// What the model of `docs/estimates.md` is fitted to: of each size of the mix, coating included, the diameter in mm,
+/// the number, and the surface and mean width over those of a sphere; and the surface of the walls over the volume in
+/// 1/mm.
 #[cfg(feature = "examples")]
 #[must_use]
 pub fn model_inputs(request: &PackingRequest) -> (Vec<[f64; 4]>, f64) {

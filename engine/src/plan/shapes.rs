@@ -32,7 +32,7 @@ mod time {
     pub(super) const ANGULAR: f64 = 2.5;
     /// Random addition, likewise: of spheres, of far other shapes beside, and the number of grains and the power of it
     /// with which they become fewer.
-    pub(super) const RANDOM: [f64; 2] = [20.0, 600.0];
+    pub(super) const RANDOM: [f64; 2] = [40.0, 1200.0];
     pub(super) const RANDOM_JAMMED: f64 = 0.01;
     pub(super) const RANDOM_GRAINS: f64 = 100.0;
     pub(super) const RANDOM_POWER: f64 = -0.1;
@@ -99,8 +99,8 @@ pub(super) fn bytes_per_grain(shapes: Option<&ShapeSampler>, grows: bool) -> f64
     per_grain + known.bytes_per_corner * if templates > 0.0 { corners / templates } else { 0.0 }
 }
 
-/// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` has the surface and the mean
-/// width over those of spheres.
+/// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` has
+/// the surface and the mean width over those of spheres.
 pub(super) fn moves_s(known: &Known, form: [f64; 2], share: Option<f64>, grains: f64) -> f64 {
     let [round, other] = time::MOVES;
     let us = (round + other * (form[0] * form[1] - 1.0)) * (1.0 + time::ANGULAR * known.angular);
