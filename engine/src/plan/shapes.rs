@@ -69,7 +69,7 @@ const POLYHEDRA: Known = Known {
     bytes_per_growing_grain: 800.0,
     bytes_per_placed_grain: 800.0,
     bytes_per_corner: 48.0,
-    extrapolation: None,
+    extrapolation: Some("polyhedra, of which few mixes were measured"),
 };
 
 const MIXED: Known =
