@@ -3,8 +3,10 @@
 //! Grains are added from the largest down. Of each size the last grain finds a place while the larger ones, and those
 //! of its own size, leave some:
 //!
-//!     sum over d_i >= d_k of phi_i h(d_i / d_k) <= (1 - WALLS (S/V) d_k) (1 - FEW / sqrt(N_k)),
-//!     h(x) = 1 + g (NEAR x^-NEAR_POWER + CLOSE x^-CLOSE_POWER)
+//! ```text
+//! sum over d_i >= d_k of phi_i h(d_i / d_k) <= (1 - WALLS (S/V) d_k) (1 - FEW / sqrt(N_k)),
+//! h(x) = 1 + g (NEAR x^-NEAR_POWER + CLOSE x^-CLOSE_POWER)
+//! ```
 //!
 //! with the volume fractions `phi_i`, the surface of the walls over the volume `S/V`, and the number `N_k` of grains
 //! that are at least as large. A much larger grain takes its own volume, `h = 1`; one of the same size takes `1 /
