@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::db::query;
-use super::tests::{artifact, fresh, fresh_file, progress, submit, submit_as, succeed};
+use super::tests::{LIMITS, artifact, fresh, fresh_file, open, progress, submit, submit_as, succeed};
 use super::*;
 use crate::accounts::Submitter;
 use crate::studies::{Facts, Study};
@@ -170,20 +170,21 @@ async fn a_study_that_is_retried_forgets_faults_and_pauses() {
 
 #[tokio::test]
 async fn others_write_while_a_large_study_is_deleted() {
-    let (_folder, store) = fresh().await;
-    let (study, _) = study_of(&store, 700, (10, 1.0)).await;
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(&folder, StoreLimits { max_queued: 5000, ..LIMITS }).await;
+    let (study, _) = study_of(&store, 4000, (10, 1.0)).await;
     store.cancel_study(study.id).await.unwrap();
     let deleting = {
         let store = store.clone();
         tokio::spawn(async move { store.delete_study(study.id).await })
     };
     // A batch is gone, the study is still there: between two batches a job is accepted.
-    while store.counts().await.unwrap()[&State::Cancelled] == 700 {
+    while store.counts().await.unwrap()[&State::Cancelled] == 4000 {
         tokio::task::yield_now().await;
     }
     let job = submit(&store, json!({})).await;
     assert!(store.study(study.id).await.unwrap().is_some(), "the job waited for the end of the deletion");
-    assert_eq!(deleting.await.unwrap().unwrap().len(), 700);
+    assert_eq!(deleting.await.unwrap().unwrap().len(), 4000);
     assert!(store.study(study.id).await.unwrap().is_none());
     assert_eq!(store.get(job.id).await.unwrap().unwrap().state, State::Queued);
 }
