@@ -347,7 +347,7 @@ describe("page of a job", inBrowser, () => {
     "progress moves, the quarters are announced, and the job is cancelled, retried and deleted",
     inBrowser,
     async () => {
-      const job = await server.submit(growing(600));
+      const job = await server.submit(growing(40));
       const opened = await open(job, { context: { reducedMotion: "reduce" } });
       const { page } = opened;
       await page.waitForSelector(".growth svg path");
