@@ -27,6 +27,7 @@ pub use deviation::MAX_DEVIATION;
 pub use figures::{FINES_MM, GradingFigures, PasteFigures, figures};
 pub(crate) use figures::{Passing, figures_in_specimen};
 pub use orientation::{draw_orientation, uniform_orientation};
+pub(crate) use shapes::MeanForm;
 pub use shapes::ShapeSampler;
 
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest

@@ -153,6 +153,22 @@ impl Forms {
     }
 }
 
+/// The form of grains in the mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct MeanForm {
+    /// Surface over that of the sphere of equal volume.
+    pub(crate) surface: f64,
+    /// Mean width over its diameter.
+    pub(crate) width: f64,
+    /// Share of polyhedra.
+    pub(crate) angular: f64,
+}
+
+impl MeanForm {
+    /// The form of spheres.
+    pub(crate) const SPHERE: Self = Self { surface: 1.0, width: 1.0, angular: 0.0 };
+}
+
 impl ShapeSampler {
     /// The shapes of a mix; `None` where all grains are spheres. Laws with a target index meet it for the grains that
     /// the mix places in their range of sizes, `classes` or `list`.
@@ -218,24 +234,29 @@ impl ShapeSampler {
         })
     }
 
-    /// Mean surface and mean width of all grains, over those of spheres of their volumes.
-    pub(crate) fn mean_form(&self) -> [f64; 2] {
-        let mut bodies = Vec::new();
+    /// The mean form of the grains by number. Aggregates and ranges of sizes with shapes of their own count alike.
+    pub(crate) fn mean_form(&self) -> MeanForm {
+        let (mut all, mut sum) = (0.0, MeanForm { surface: 0.0, width: 0.0, angular: 0.0 });
         for shapes in self.by_part.iter().flatten() {
             let mut before = 0.0;
             for part in &shapes.parts {
+                let mut bodies = Vec::new();
                 part.forms.add_bodies(part.cumulative - before, self.measure, &mut bodies);
                 before = part.cumulative;
+                let is_angular = matches!(part.forms, Forms::Polyhedra { .. });
+                for (share, _, body) in bodies {
+                    let ball = ParallelBody::of_ball(cbrt(body.volume / sphere_volume(1.0)));
+                    all += share;
+                    sum.surface += share * body.surface / ball.surface;
+                    sum.width += share * body.mean_curvature / ball.mean_curvature;
+                    sum.angular += share * f64::from(is_angular);
+                }
             }
         }
-        let (mut all, mut sums) = (0.0, [0.0; 2]);
-        for (share, _, body) in bodies {
-            let ball = ParallelBody::of_ball(cbrt(body.volume / sphere_volume(1.0)));
-            let of = [body.surface / ball.surface, body.mean_curvature / ball.mean_curvature];
-            all += share;
-            sums = arrays::from_fn(|i| sums[i] + share * of[i]);
+        if all == 0.0 {
+            return MeanForm::SPHERE;
         }
-        if all > 0.0 { sums.map(|sum| sum / all) } else { [1.0; 2] }
+        MeanForm { surface: sum.surface / all, width: sum.width / all, angular: sum.angular / all }
     }
 
     fn of_size(&self, part: u16, size_mm: f64) -> Option<&ShapesAbove> {

@@ -10,7 +10,7 @@ use super::shapes;
 use crate::distance::DistanceRule;
 use crate::elementary::log10;
 use crate::methods::edmd::Expected;
-use crate::mix::GradedMix;
+use crate::mix::{GradedMix, MeanForm};
 use crate::request::{
     Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
 };
@@ -74,6 +74,7 @@ pub(super) struct Case<'a> {
     /// and over the room for them.
     pub(super) filled: f64,
     pub(super) features: Features,
+    form: MeanForm,
     /// Whether the grains grow until they jam, in place of to their size.
     to_jamming: bool,
     /// What is known of growth by moves, which the grains grow by; `None` where they grow by events.
@@ -84,6 +85,7 @@ impl<'a> Case<'a> {
     /// A mix before a rule of distance, in the specimen of the request.
     pub(super) fn of_mix(request: &'a PackingRequest, mix: &'a GradedMix, rule: &DistanceRule) -> Self {
         let (factor, offset) = rule.enlargement(mix.d_min_mm);
+        let form = grains::form_of(mix);
         let coated_mm3 = mix.expected_coated_volume_mm3(factor, offset);
         Self {
             request,
@@ -91,7 +93,8 @@ impl<'a> Case<'a> {
             grains: mix.expected_grains().max(1.0),
             coated_mm3,
             filled: coated_mm3 / room_mm3(request, rule, mix.d_max_mm),
-            features: features(request, mix, factor, offset),
+            features: features(request, mix, form, factor, offset),
+            form,
             to_jamming: false,
             by_moves: (GrowthBy::of(&request.method, mix.shapes.is_some()) == GrowthBy::Moves)
                 .then(|| shapes::known(mix.kind())),
@@ -135,8 +138,9 @@ impl<'a> Case<'a> {
             success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
             time_s: match &self.mix.shapes {
                 None => features.rsa_time_s(filled, grains, attempts),
-                Some(of) => {
-                    shapes::random_s(shapes::known(of.kind()), features.form(), filled / reach, grains)
+                Some(_) => {
+                    let share = filled / features.rsa_limit(attempts);
+                    shapes::random_s(features.form(), self.form.angular, share, grains)
                 }
             },
             volume_fraction_with_coating_reach: reach,
@@ -148,7 +152,7 @@ impl<'a> Case<'a> {
                 time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
             },
-            Some(known) => self.growth_by_moves(known),
+            Some(_) => self.growth_by_moves(),
         };
         let mut methods = MethodEstimates { rsa, growth };
         if grains < ONE && self.mix.shapes.is_none() && !maximize {
@@ -166,11 +170,11 @@ impl<'a> Case<'a> {
     }
 
     /// What growth by moves is likely to do.
-    fn growth_by_moves(&self, known: &shapes::Known) -> MethodEstimate {
+    fn growth_by_moves(&self) -> MethodEstimate {
         let (features, grains) = (&self.features, self.grains);
         let limit = features.moves_limit(grains);
         let share = (!self.is_without_target()).then_some(self.filled / limit);
-        let time_s = shapes::moves_s(known, features.form(), share, grains);
+        let time_s = shapes::moves_s(features.form(), self.form.angular, share, grains);
         let most_s =
             self.request.method.growth().and_then(|options| options.stop.time_s).unwrap_or(f64::INFINITY);
         let within = model::likely_within(time_s, most_s);
@@ -257,7 +261,7 @@ impl<'a> Case<'a> {
 
     /// Whether a constant distance is likely to be reached.
     fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
-        let features = features(self.request, self.mix, 1.0, distance_mm);
+        let features = features(self.request, self.mix, self.form, 1.0, distance_mm);
         let filled = self.mix.expected_coated_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
         match self.request.method {
             Method::Rsa { attempts_per_grain } if by_rsa => {
@@ -294,7 +298,7 @@ impl<'a> Case<'a> {
     }
 }
 
-fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64) -> Features {
+fn features(request: &PackingRequest, mix: &GradedMix, form: MeanForm, factor: f64, offset: f64) -> Features {
     let enlarged = |d: f64| factor * d + offset;
     let mut sizes = mix.expected_sizes();
     for (d, _) in &mut sizes {
@@ -302,10 +306,10 @@ fn features(request: &PackingRequest, mix: &GradedMix, factor: f64, offset: f64)
     }
     Features::new(
         &sizes,
-        &grains::sizes(mix, factor, offset),
+        &grains::sizes(mix, form, factor, offset),
         [mix.d_min_mm, mix.d_max_mm].map(enlarged),
         request.specimen.domain().walls_per_mm(),
-        mix.shapes.as_ref().map_or(0.0, |of| shapes::known(of.kind()).angular),
+        form.angular,
     )
 }
 

@@ -98,8 +98,7 @@ fn events_follow_the_studies() {
             let filled = case.filled;
             let expected = case.features.events_per_grain(filled, case.grains);
             let off = (expected / events).ln();
-            // Equal spheres jam more sharply than others.
-            let bound = if study.fitted { 1.7 } else { 2.0_f64.ln() };
+            let bound = if study.fitted { 1.2 } else { 2.0_f64.ln() };
             assert!(
                 off.abs() < bound,
                 "{} {}: {expected:.0} for {events:.0}",
@@ -126,8 +125,8 @@ fn a_proposal_is_likely() {
     assert!(dense.success_probability < 0.5, "{dense:?}");
     assert!(dense.warnings.iter().any(|w| w.starts_with("growth is unlikely")), "{:?}", dense.warnings);
     let phi = dense.proposal.unwrap().volume_fraction.unwrap();
-    // The paper ends at 0.535 here; this engine reaches 0.54 in seconds, and not 0.55 in 20 s.
-    assert!((0.525..0.55).contains(&phi), "{phi}");
+    // The paper ends at 0.535 here; of four seeds all reach 0.55 in 11 to 15 s, and none 0.555 in 120 s.
+    assert!((0.53..0.555).contains(&phi), "{phi}");
     assert!(plan(&request(phi, constant(1.0))).success_probability > 0.85);
     let mm = dense.proposal.unwrap().distance_mm.unwrap();
     assert!((0.7..1.0).contains(&mm), "{mm}");

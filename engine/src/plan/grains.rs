@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::elementary::cbrt;
-use crate::mix::{GradedMix, ShapeSampler};
+use crate::mix::{GradedMix, MeanForm, ShapeSampler};
 use crate::shape::ParallelBody;
 
 /// Grains of one size.
@@ -18,9 +18,14 @@ pub(crate) struct Size {
     pub(crate) width: f64,
 }
 
+/// The mean form of the grains of a mix.
+pub(super) fn form_of(mix: &GradedMix) -> MeanForm {
+    mix.shapes.as_ref().map_or(MeanForm::SPHERE, ShapeSampler::mean_form)
+}
+
 /// Sizes of the expected grains from fine to coarse, with a coating that makes a diameter `d` to `factor d + offset`.
-pub(crate) fn sizes(mix: &GradedMix, factor: f64, offset: f64) -> Vec<Size> {
-    let [surface, width] = mix.shapes.as_ref().map_or([1.0; 2], ShapeSampler::mean_form);
+pub(super) fn sizes(mix: &GradedMix, form: MeanForm, factor: f64, offset: f64) -> Vec<Size> {
+    let MeanForm { surface, width, .. } = form;
     let mut sizes: Vec<Size> = mix
         .expected_sizes()
         .into_iter()
@@ -50,15 +55,11 @@ pub(crate) fn sizes(mix: &GradedMix, factor: f64, offset: f64) -> Vec<Size> {
     sizes
 }
 
-/// Mean surface and mean width, by volume.
-pub(super) fn mean_form(sizes: &[Size]) -> [f64; 2] {
+/// Product of the surface and the mean width over those of spheres, in the mean by volume: 1 for spheres.
+pub(super) fn surface_times_width(sizes: &[Size]) -> f64 {
     let sum = |of: &dyn Fn(&Size) -> f64| -> f64 {
         sizes.iter().map(|size| size.number * size.diameter.powi(3) * of(size)).sum()
     };
     let volume = sum(&|_| 1.0);
-    if volume > 0.0 {
-        [sum(&|size| size.surface) / volume, sum(&|size| size.width) / volume]
-    } else {
-        [1.0; 2]
-    }
+    if volume > 0.0 { sum(&|size| size.surface) * sum(&|size| size.width) / volume.powi(2) } else { 1.0 }
 }

@@ -526,18 +526,34 @@ pub(crate) fn mix_warnings(request: &PackingRequest, mix: &GradedMix, is_densest
     warnings
 }
 
-/// What the model of `docs/estimates.md` is fitted to: of each size of the mix, coating included, the diameter in mm,
-/// the number, and the surface and mean width over those of a sphere; and the surface of the walls over the volume in
-/// 1/mm.
+/// What the model of `docs/estimates.md` sees of a request, to be fitted to.
 #[cfg(feature = "examples")]
-#[must_use]
-pub fn model_inputs(request: &PackingRequest) -> (Vec<[f64; 4]>, f64) {
-    let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-    let rule = DistanceRule::new(&request.distance, &request.specimen);
-    let (factor, offset) = rule.enlargement(mix.d_min_mm);
-    let sizes = grains::sizes(&mix, factor, offset);
-    let rows = sizes.iter().map(|of| [of.diameter, of.number, of.surface, of.width]).collect();
-    (rows, request.specimen.domain().walls_per_mm())
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelInputs {
+    /// Of each size, coating included: the diameter in mm, the number, and the surface and mean width over those of a
+    /// sphere.
+    pub sizes: Vec<[f64; 4]>,
+    /// Diameters that the sizes stand within, coating included, in mm.
+    pub bounds: [f64; 2],
+    /// Surface of the walls over the volume in 1/mm.
+    pub walls: f64,
+}
+
+#[cfg(feature = "examples")]
+impl ModelInputs {
+    /// Of a request.
+    #[must_use]
+    pub fn of(request: &PackingRequest) -> Self {
+        let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
+        let rule = DistanceRule::new(&request.distance, &request.specimen);
+        let (factor, offset) = rule.enlargement(mix.d_min_mm);
+        let row = |of: &grains::Size| [of.diameter, of.number, of.surface, of.width];
+        Self {
+            sizes: grains::sizes(&mix, grains::form_of(&mix), factor, offset).iter().map(row).collect(),
+            bounds: [mix.d_min_mm, mix.d_max_mm].map(|d| factor * d + offset),
+            walls: request.specimen.domain().walls_per_mm(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use crate::request::GrowthOptions;
 
 /// Random sequential addition, whose reach is that of [`random`](super::random).
 mod rsa {
-    /// Standard error of the reach on mixes left out of the fit,
+    /// Standard error of the reach on the mixes of the fit,
     pub(super) const ERROR: f64 = 0.007;
     /// and of single runs about it, times the root of the number of grains.
     pub(super) const RUNS: f64 = 0.08;
@@ -34,32 +34,30 @@ mod rsa {
 
 /// Growth: jamming as a share of random close packing, and events per grain as a power law of the gap.
 mod growth {
-    pub(super) const BULK: f64 = 1.1171;
+    pub(super) const BULK: f64 = 1.0973;
     /// Per share of walls.
-    pub(super) const WALLS: f64 = -0.1185;
+    pub(super) const WALLS: f64 = -0.1068;
     /// Equal grains have nothing to exchange.
-    pub(super) const EQUAL: f64 = -0.0595;
+    pub(super) const EQUAL: f64 = -0.0316;
     /// Spread of ln(d) up to which grains are as good as equal.
     pub(super) const EQUAL_SPREAD: f64 = 0.05;
     /// Per inverse cube root of the number of grains.
-    pub(super) const FEW: f64 = -0.0755;
+    pub(super) const FEW: f64 = -0.1465;
     /// ln of events per grain: at no gap and full size,
-    pub(super) const EVENTS: f64 = -1.8665;
+    pub(super) const EVENTS: f64 = 2.4739;
     /// per ln of the gap,
-    pub(super) const GAP: f64 = -3.6566;
+    pub(super) const GAP: f64 = -1.9856;
     /// per ln of the volume fraction over that of jamming,
-    pub(super) const FILLED: f64 = -4.7432;
-    /// with the least events at this share of jamming,
-    pub(super) const LEAST_EVENTS: f64 = 0.564;
+    pub(super) const FILLED: f64 = 2.1896;
     /// and per ln of the share of the volume that is still to grow at the start.
-    pub(super) const TO_GROW: f64 = 1.5492;
+    pub(super) const TO_GROW: f64 = 1.6819;
     /// Standard error of ln(events).
-    pub(super) const ERROR: f64 = 0.5;
+    pub(super) const ERROR: f64 = 0.4;
     /// Events per grain beyond which, by this power law, few runs of the studies succeeded: it is flatter near
     /// its end than they are.
     pub(super) const LAST_SUCCESS: f64 = 2000.0;
     /// Share of jamming that nine of ten runs reach.
-    pub(super) const REACH: f64 = 0.94;
+    pub(super) const REACH: f64 = 0.959;
     /// Events per grain at which growth is usually found to have stalled.
     pub(super) const STALL: f64 = 4000.0;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
@@ -73,16 +71,14 @@ mod growth {
 /// Growth by moves of grains that are no spheres: what it reaches over what growth of spheres does, by the surface and
 /// the mean width over those of spheres.
 mod moves {
-    /// ln of the share of round grains that are a little longer or flatter: they pack denser (Donev et al. 2004),
-    pub(super) const ASPHERICAL: f64 = 0.14;
-    /// which is reached at about this ln of surface times width.
+    /// ln of the share of grains that are a little longer or flatter: they pack denser (Donev et al. 2004,
+    /// 10.1126/science.1093010),
+    pub(super) const ASPHERICAL: f64 = 0.17;
+    /// which is reached at about this ln of surface times width;
     pub(super) const SMALL: f64 = 0.08;
-    /// Per ln of the surface and of the width.
-    pub(super) const SURFACE: f64 = -0.37;
-    pub(super) const WIDTH: f64 = -0.37;
-    /// Angular grains are stopped by their faces.
-    pub(super) const ANGULAR: f64 = -0.04;
-    /// Standard error of the reach on mixes left out of the fit, and of single runs.
+    /// and per this ln.
+    pub(super) const FORM: f64 = -0.401;
+    /// Standard error of the reach on the mixes of the fit, and of single runs.
     pub(super) const ERROR: f64 = 0.025;
     pub(super) const RUNS: f64 = 0.006;
 }
@@ -144,10 +140,8 @@ pub(crate) struct Features {
     walls: f64,
     /// Largest diameter over the smallest.
     ratio: f64,
-    /// Surface and mean width of the grains over those of spheres, in the mean by volume.
-    form: [f64; 2],
-    /// Share of the grains that are angular.
-    angular: f64,
+    /// Surface times mean width of the grains over those of spheres.
+    form: f64,
 }
 
 impl Features {
@@ -175,8 +169,7 @@ impl Features {
             grains: number,
             walls: walls_per_mm * volume / moment(&|d| d * d),
             ratio: largest / least,
-            form: grains::mean_form(grains),
-            angular,
+            form: grains::surface_times_width(grains),
         }
     }
 
@@ -190,8 +183,8 @@ impl Features {
         self.walls
     }
 
-    /// Surface and mean width of the grains over those of spheres.
-    pub(crate) fn form(&self) -> [f64; 2] {
+    /// Surface times mean width of the grains over those of spheres.
+    pub(crate) fn form(&self) -> f64 {
         self.form
     }
 
@@ -248,8 +241,7 @@ impl Features {
 
     /// Events per grain that growth to a volume fraction takes; infinite where it jams before.
     pub(crate) fn events_per_grain(&self, filled: f64, grains: f64) -> f64 {
-        // Looser grains take no more events.
-        let share = (filled / self.jamming(grains)).max(growth::LEAST_EVENTS);
+        let share = filled / self.jamming(grains);
         if share >= 1.0 {
             return f64::INFINITY;
         }
@@ -310,11 +302,8 @@ impl Features {
 
     /// Volume fraction, coating included, at which so many grains jam that grow by moves.
     pub(crate) fn moves_jamming(&self, grains: f64) -> f64 {
-        let [surface, width] = self.form.map(ln);
-        let aspherical = 1.0 - exp(-(surface + width) / moves::SMALL);
-        let by_form = (moves::ASPHERICAL + moves::ANGULAR * self.angular) * aspherical
-            + moves::SURFACE * surface
-            + moves::WIDTH * width;
+        let form = ln(self.form);
+        let by_form = moves::ASPHERICAL * (1.0 - exp(-form / moves::SMALL)) + moves::FORM * form;
         (self.jamming(grains) * exp(by_form)).min(1.0)
     }
 

@@ -74,7 +74,7 @@ mod tests {
         of.iter().map(|&(diameter, number)| Size { diameter, number, surface: 1.0, width: 1.0 }).collect()
     }
 
-    /// Measured with `docs/estimates/measure.py` in boxes without walls.
+    /// The saturation of equal spheres, and sizes in parts.
     #[test]
     fn many_grains_reach_what_was_measured() {
         assert!((reach(&sizes(&[(3.0, 1e8)]), 0.0, 0.0) - EQUAL).abs() < 1e-3);

@@ -19,33 +19,37 @@ pub(super) const EQUAL_ELLIPSOIDS: f64 = 0.772;
 pub(super) const EQUAL_POLYHEDRA: f64 = 1.0;
 /// Relative error of lengths that were searched for.
 const ROUNDING: f64 = 1.0e-5;
-/// Times of grains of other shapes in microseconds per grain, by the product `e` of their surface and mean width over
-/// those of spheres, less 1.
+/// Times of grains of other shapes, by the product of their surface and mean width over those of spheres less 1, `e`,
+/// and by the share of polyhedra. Fitted to 13 mixes of some 8000 grains (`docs/estimates.md`).
 mod time {
-    /// Growth by moves, times the share of the reach that is left: of spheres, and per `e`,
-    pub(super) const MOVES: [f64; 2] = [12.0, 60.0];
-    /// and that share where a target is hardly reached;
-    pub(super) const JAMMED: f64 = 0.003;
-    /// without a target grains grow until nothing moves: the same factor.
-    pub(super) const TO_JAMMING: f64 = 1.0e4;
-    /// Polyhedra take longer by this share.
-    pub(super) const ANGULAR: f64 = 2.5;
-    /// Random addition, likewise: of spheres, of far other shapes beside, and the number of grains and the power of it
-    /// with which they become fewer.
-    pub(super) const RANDOM: [f64; 2] = [40.0, 1200.0];
-    pub(super) const RANDOM_JAMMED: f64 = 0.01;
-    pub(super) const RANDOM_GRAINS: f64 = 100.0;
-    pub(super) const RANDOM_POWER: f64 = -0.1;
-    /// How fast random addition becomes slow (exponent per share of the reach).
-    pub(super) const CROWDED: f64 = 8.0;
-    /// Time of the templates of angular grains in s.
+    /// Growth by moves, of spheres far from jamming, in microseconds per grain.
+    pub(super) const MOVES_US: f64 = 0.769;
+    /// It takes longer by this share for all other grains, which turn, from about this `e` on;
+    pub(super) const MOVES_TURNING: f64 = 0.587;
+    pub(super) const MOVES_ROUND: f64 = 0.02;
+    /// per `e`, and for polyhedra;
+    pub(super) const MOVES_FORM: f64 = 19.1;
+    pub(super) const MOVES_ANGULAR: f64 = 11.9;
+    /// and by this power of the share of the reach that is left, and this much more.
+    pub(super) const MOVES_POWER: f64 = -2.86;
+    pub(super) const MOVES_LEFT: f64 = 0.086;
+    /// Without a target grains grow until nothing moves: that factor, by one run.
+    pub(super) const TO_JAMMING: f64 = 9.0e4;
+    /// Random addition, of spheres and of far other shapes beside, in microseconds per grain at the reach,
+    pub(super) const RANDOM_US: [f64; 2] = [4.55, 2225.0];
+    /// how fast that falls off below it (exponent per share of it),
+    pub(super) const FALL_OFF: f64 = 10.34;
+    /// and the share of the reach that is left at least.
+    pub(super) const RANDOM_LEFT: f64 = 0.005;
+    /// Times are those of so many grains; more take longer each, by this power of their number.
+    pub(super) const GRAINS: f64 = 8000.0;
+    pub(super) const GRAINS_POWER: f64 = 0.1;
+    /// Time of the templates of polyhedra in s.
     pub(super) const TEMPLATES_S: f64 = 0.1;
 }
 
 /// What is known of the grains of a kind.
 pub(super) struct Known {
-    /// Share of the grains that are angular.
-    pub(super) angular: f64,
     /// Memory per grain, in bytes, while grains grow.
     bytes_per_growing_grain: f64,
     /// The same where random addition places all of them.
@@ -57,7 +61,6 @@ pub(super) struct Known {
 }
 
 const ELLIPSOIDS: Known = Known {
-    angular: 0.0,
     bytes_per_growing_grain: 750.0,
     bytes_per_placed_grain: 1050.0,
     bytes_per_corner: 0.0,
@@ -65,7 +68,6 @@ const ELLIPSOIDS: Known = Known {
 };
 
 const POLYHEDRA: Known = Known {
-    angular: 1.0,
     bytes_per_growing_grain: 800.0,
     bytes_per_placed_grain: 800.0,
     bytes_per_corner: 48.0,
@@ -73,7 +75,7 @@ const POLYHEDRA: Known = Known {
 };
 
 const MIXED: Known =
-    Known { angular: 0.5, extrapolation: Some("ellipsoids and polyhedra, taken as their mean"), ..POLYHEDRA };
+    Known { extrapolation: Some("ellipsoids and polyhedra, taken as their mean"), ..POLYHEDRA };
 
 const SPHERES: Known =
     Known { extrapolation: Some("spheres that grow by moves, taken as round ellipsoids"), ..ELLIPSOIDS };
@@ -99,23 +101,33 @@ pub(super) fn bytes_per_grain(shapes: Option<&ShapeSampler>, grows: bool) -> f64
     per_grain + known.bytes_per_corner * if templates > 0.0 { corners / templates } else { 0.0 }
 }
 
-/// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` has
-/// the surface and the mean width over those of spheres.
-pub(super) fn moves_s(known: &Known, form: [f64; 2], share: Option<f64>, grains: f64) -> f64 {
-    let [round, other] = time::MOVES;
-    let us = (round + other * (form[0] * form[1] - 1.0)) * (1.0 + time::ANGULAR * known.angular);
-    let steps = share.map_or(time::TO_JAMMING, |share| 1.0 / (1.0 - share.min(1.0) + time::JAMMED));
-    known.angular * time::TEMPLATES_S + grains * us * 1e-6 * steps
+/// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` is
+/// the surface times the mean width over those of spheres, `angular` the share of polyhedra.
+pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) -> f64 {
+    let e = form - 1.0;
+    let turning = time::MOVES_TURNING * (1.0 - exp(-e / time::MOVES_ROUND));
+    let us = time::MOVES_US * (1.0 + turning + time::MOVES_FORM * e + time::MOVES_ANGULAR * angular);
+    let steps = share
+        .map_or(time::TO_JAMMING, |share| powf(1.0 - share.min(1.0) + time::MOVES_LEFT, time::MOVES_POWER));
+    templates_s(angular) + of_grains_s(us, grains) * steps
 }
 
 /// The same of random addition of shaped grains.
-pub(super) fn random_s(known: &Known, form: [f64; 2], share: f64, grains: f64) -> f64 {
-    let [round, other] = time::RANDOM;
+pub(super) fn random_s(form: f64, angular: f64, share: f64, grains: f64) -> f64 {
+    let [round, other] = time::RANDOM_US;
     let share = share.min(1.0);
-    let us = round + other * (1.0 - exp(1.0 - form[0] * form[1]));
-    let crowded = exp(time::CROWDED * (share - 1.0)) / (1.0 - share + time::RANDOM_JAMMED);
-    let by_number = powf((grains / time::RANDOM_GRAINS).max(1.0), time::RANDOM_POWER);
-    known.angular * time::TEMPLATES_S + grains * us * 1e-6 * crowded * by_number
+    let us = round + other * (1.0 - exp(1.0 - form));
+    let crowded = exp(time::FALL_OFF * (share - 1.0)) / (1.0 - share + time::RANDOM_LEFT);
+    templates_s(angular) + of_grains_s(us, grains) * crowded
+}
+
+/// Time in s that grains take at so many microseconds each.
+fn of_grains_s(us: f64, grains: f64) -> f64 {
+    us * 1e-6 * grains * powf(grains / time::GRAINS, time::GRAINS_POWER)
+}
+
+fn templates_s(angular: f64) -> f64 {
+    if angular > 0.0 { time::TEMPLATES_S } else { 0.0 }
 }
 
 /// Refuses a mix of which no grain of the largest size fits into the specimen, with its distances.

@@ -94,7 +94,7 @@ fn what_is_unlikely_is_a_warning_and_what_cannot_be_is_refused() {
     };
     let loose = at(0.55, "rsa").unwrap();
     assert!(loose.success_probability > 0.9 && loose.warnings.is_empty(), "{loose:?}");
-    assert!(loose.estimated_time_s > 0.1 && loose.estimated_time_s < 1.0, "{}", loose.estimated_time_s);
+    assert!(loose.estimated_time_s > 0.2 && loose.estimated_time_s < 1.0, "{}", loose.estimated_time_s);
     let dense = at(0.80, "rsa").unwrap();
     assert!(dense.success_probability < 0.01, "{dense:?}");
     assert!(dense.warnings[0].starts_with("random sequential addition is unlikely"), "{:?}", dense.warnings);
@@ -140,7 +140,7 @@ fn memory_and_time_grow_with_the_grains() {
     let many = plan(&request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
     assert!((many.grains / few.grains - 8.0).abs() < 1e-9);
     assert!(
-        many.memory_bytes as f64 > 750.0 * many.grains && many.estimated_time_s > 5.0 * few.estimated_time_s
+        many.memory_bytes as f64 > 750.0 * many.grains && many.estimated_time_s > 7.0 * few.estimated_time_s
     );
     let limits = Limits { max_memory_bytes: 10_000_000, ..Limits::default() };
     let wanted = request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])));
@@ -238,8 +238,11 @@ fn plans_of_polyhedra_have_their_own_numbers() {
     assert!(loose.memory_bytes as f64 > loose.grains * (800.0 + 48.0 * corners));
     let ellipsoid = plan(&request(CUBE_80, &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])))).unwrap();
     let dense = at(0.6).unwrap();
-    let ratio = dense.methods.growth.time_s / ellipsoid.methods.growth.time_s;
-    assert!(ratio > 2.5 && ratio < 8.0, "{dense:?}");
+    // CPU time in s, medians of three seeds.
+    for (of, time_s) in [(&dense, 1.60), (&ellipsoid, 0.36)] {
+        let ratio = of.methods.growth.time_s / time_s;
+        assert!(ratio < 1.5 && ratio > 1.0 / 1.5, "{ratio}");
+    }
     assert!(at(0.85).unwrap().warnings[0].starts_with("growth is unlikely"), "{:?}", at(0.85));
     // Some polyhedra fill space, so that only more than all of it is impossible.
     let Err(PlanError::Infeasible(fault)) = plan(&with_gap(1.0, &fuller(0.9, &shape))) else {
@@ -290,16 +293,15 @@ fn times_of_mixtures_are_those_measured() {
         json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
     let polyhedron = json!({"type": "polyhedron", "faces": 21,
         "ratios": {"type": "constant", "b_over_a": 0.8, "c_over_a": 0.6667}});
-    // Volume fraction, CPU time in s (docs/development/measurements-shapes.md), and by which factor the estimate may be
-    // too long or short.
+    // Volume fraction and CPU time in s (docs/estimates.md, "Grains of other shapes").
     let cases = [
-        ([&sphere, &ellipsoid], 0.5, [(0.60, 0.55), (0.65, 0.92)], 2.5),
-        ([&ellipsoid, &polyhedron], 0.5, [(0.60, 2.31), (0.65, 4.22)], 2.5),
-        ([&sphere, &polyhedron], 0.5, [(0.60, 2.18), (0.65, 6.70)], 4.0),
-        // The estimate knows the kinds of the grains and not their shares.
-        ([&ellipsoid, &polyhedron], 0.9, [(0.60, 1.02), (0.65, 1.68)], 3.5),
+        ([&sphere, &ellipsoid], 0.5, [(0.60, 0.41), (0.65, 0.66)]),
+        ([&ellipsoid, &polyhedron], 0.5, [(0.60, 1.57), (0.65, 3.58)]),
+        // At 0.65 nine seeds take 3.7 to 35 s.
+        ([&sphere, &polyhedron], 0.5, [(0.55, 0.99), (0.60, 1.69)]),
+        ([&ellipsoid, &polyhedron], 0.9, [(0.60, 0.80), (0.65, 1.32)]),
     ];
-    for ([first, second], share, measured, factor) in cases {
+    for ([first, second], share, measured) in cases {
         for (fraction, time_s) in measured {
             let shape = json!({"type": "mixture", "of": [
                 {"share": share, "shape": first}, {"share": 1.0 - share, "shape": second}]});
@@ -307,7 +309,7 @@ fn times_of_mixtures_are_those_measured() {
             mix["size"] = json!("equivalent");
             let estimated = plan(&request(CUBE_80, &mix)).unwrap().methods.growth.time_s;
             let ratio = estimated / time_s;
-            assert!(ratio < factor && ratio > 1.0 / factor, "{mix}: {estimated} s for {time_s} s");
+            assert!(ratio < 1.6 && ratio > 1.0 / 1.6, "{mix}: {estimated} s for {time_s} s");
         }
     }
 }

@@ -120,7 +120,8 @@ fn add(found: &mut Found, drawn: &Drawn, record: &Record) -> Result<Value, Failu
     found.proposals.extend(record.of(Purpose::Proposal).map(|run| run.outcome.end == End::Succeeded));
     Ok(json!({
         "number": record.number, "kind": record.kind, "method": record.method, "filled": at_request,
-        "grains": plan.as_ref().map(|plan| plan.grains), "errors": {"rsa": finite(errors[0]), "growth": finite(errors[1])},
+        "grains": plan.as_ref().map(|plan| plan.grains),
+        "errors": {"rsa": finite(errors[0]), "growth": finite(errors[1])},
         "probability": probability, "time_factor": factor, "shape": drawn.request["mix"]["shape"],
     }))
 }

@@ -283,7 +283,7 @@ async fn insert_jobs(
         let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
         parts.insert(tx, study).await?;
-        // What all jobs have in common is bound once.
+        // What all jobs have in common is bound once. Column 8 of the rows is `max_attempts`, which a retry adds again.
         let mut query = QueryBuilder::new(
             "insert into jobs (state, attempt_budget, created_at, updated_at, engine, study, owner, submitted_by,
                  seq, id, name, labels, priority, seed, timeout_s, max_attempts, expires_at, point, replicate, turn,
