@@ -186,6 +186,12 @@ pub enum Specimen {
 }
 
 impl Specimen {
+    /// A box.
+    #[must_use]
+    pub const fn cuboid(size_mm: [f64; 3], boundary: Boundary) -> Self {
+        Self::Box { size_mm, boundary }
+    }
+
     /// Its lengths in mm, each with its pointer in a request.
     #[must_use]
     pub fn lengths(&self) -> Vec<(String, f64)> {
