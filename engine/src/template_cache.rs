@@ -12,7 +12,7 @@ use crate::check::{Fault, SieveSizes};
 use crate::error::PlanError;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::plan::{Limits, Plan};
-use crate::request::{FieldError, GrainKind, PackingRequest, PlainShape};
+use crate::request::{FieldError, PackingRequest, PlainShape};
 use crate::shape::Polyhedron;
 use crate::shape::polyhedron::DrawnTemplates;
 
@@ -62,7 +62,7 @@ impl TemplateCache {
     /// are kept from then on.
     #[must_use]
     pub fn attached<'a>(&self, request: &'a PackingRequest) -> Cow<'a, PackingRequest> {
-        if !matches!(request.mix.grain_kind(), GrainKind::Polyhedra | GrainKind::Mixed) {
+        if !request.mix.grain_kind().has_templates() {
             return Cow::Borrowed(request);
         }
         let mut request = request.clone();

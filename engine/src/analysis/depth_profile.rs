@@ -65,9 +65,10 @@ pub fn depth_profiles<'a>(
     if !specimen.domain().has_walls() {
         return Ok(Vec::new());
     }
-    Ok(match grains.into() {
-        GrainsRef::Spheres(spheres) => profiles(spheres, specimen, max_depth_mm, steps),
-        others @ GrainsRef::Solids(_) => profiles(&PlacedGrains::new(others)?, specimen, max_depth_mm, steps),
+    let grains = grains.into();
+    Ok(match grains.spheres() {
+        Some(spheres) => profiles(spheres, specimen, max_depth_mm, steps),
+        None => profiles(&PlacedGrains::new(grains)?, specimen, max_depth_mm, steps),
     })
 }
 

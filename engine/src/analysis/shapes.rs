@@ -1,127 +1,47 @@
 //! Figures of the shapes of the grains of a packing, and of their orientation.
 
-use std::f64::consts::PI;
-
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use crate::packing::{GrainsRef, ShapeReport, Solids, ZinggShares};
-use crate::request::GrainKind;
-use crate::shape::{
-    CaliperSizes, Ellipsoid, Form, Polyhedron, Pose, Solid, Zingg, flakiness_index, shape_index,
-};
-
-/// What a grain, or a template in units of its scale, has to tell.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Figures {
-    pub(crate) sizes: CaliperSizes,
-    pub(crate) form: Form,
-    pub(crate) sphericity: f64,
-    /// Wadell's roundness in space.
-    pub(crate) roundness: f64,
-    pub(crate) surface_mm2: f64,
-    /// In the axes of the body.
-    long_axis: Vector3<f64>,
-    short_axis: Vector3<f64>,
-}
-
-impl Figures {
-    fn of_sphere(d_mm: f64) -> Self {
-        Self {
-            sizes: CaliperSizes {
-                volume_mm3: PI / 6.0 * d_mm.powi(3),
-                sieve_mm: d_mm,
-                length_mm: d_mm,
-                thickness_mm: d_mm,
-            },
-            form: Form { elongation: 1.0, flatness: 1.0 },
-            sphericity: 1.0,
-            roundness: 1.0,
-            surface_mm2: PI * d_mm * d_mm,
-            long_axis: Vector3::x(),
-            short_axis: Vector3::z(),
-        }
-    }
-
-    fn of_ellipsoid(shape: &Ellipsoid) -> Self {
-        Self {
-            sizes: shape.into(),
-            form: shape.form(),
-            sphericity: shape.sphericity(),
-            roundness: shape.roundness(),
-            surface_mm2: shape.surface_mm2(),
-            long_axis: Vector3::x(),
-            short_axis: Vector3::z(),
-        }
-    }
-
-    fn of_template(body: &Polyhedron) -> Self {
-        let (surface, axes) = (body.surface(), body.principal_axes());
-        Self {
-            sizes: body.into(),
-            form: body.form(),
-            sphericity: PI * body.equivalent_diameter().powi(2) / surface,
-            roundness: body.roundness(),
-            surface_mm2: surface,
-            long_axis: axes.column(0).into(),
-            short_axis: axes.column(2).into(),
-        }
-    }
-
-    fn scaled(&self, factor: f64) -> Self {
-        let surface_mm2 = self.surface_mm2 * factor * factor;
-        Self { sizes: self.sizes.scaled(factor), surface_mm2, ..*self }
-    }
-}
+use crate::shape::{CaliperSizes, Form, Pose, ShapeFigures, Zingg, flakiness_index, shape_index};
 
 /// The grains of a packing and the figures of their templates, which are measured once.
 pub(crate) struct Measured<'a> {
     grains: GrainsRef<'a>,
     /// One for each template; those that no grain has are not measured.
-    templates: Vec<Option<Figures>>,
+    templates: Vec<Option<ShapeFigures>>,
 }
 
 impl<'a> Measured<'a> {
     pub(crate) fn new(grains: GrainsRef<'a>) -> Self {
-        let GrainsRef::Solids(solids) = grains else { return Self { grains, templates: Vec::new() } };
-        let mut templates = vec![None; solids.templates.len()];
-        for template in solids.shapes.iter().filter_map(Solid::template) {
+        let mut templates = vec![None; grains.templates().len()];
+        for template in (0..grains.len()).filter_map(|grain| grains.template(grain)) {
             let template = template as usize;
-            templates[template].get_or_insert_with(|| Figures::of_template(&solids.templates[template]));
+            templates[template].get_or_insert_with(|| (&grains.templates()[template]).into());
         }
         Self { grains, templates }
     }
 
     /// The figures of a grain.
-    pub(crate) fn of(&self, grain: usize) -> Figures {
-        match self.grains {
-            GrainsRef::Spheres(spheres) => Figures::of_sphere(spheres.d_mm[grain]),
-            GrainsRef::Solids(solids) => match &solids.shapes[grain] {
-                Solid::Ellipsoid(ellipsoid) => Figures::of_ellipsoid(ellipsoid),
-                Solid::Polyhedron { template, d_mm } => self.of_template(*template).scaled(*d_mm),
-            },
+    pub(crate) fn of(&self, grain: usize) -> ShapeFigures {
+        match (self.grains.template(grain), self.grains.solids()) {
+            (Some(template), _) => self.of_template(template).scaled(self.grains.d_mm(grain)),
+            (None, Some(solids)) => solids.shape(grain).figures(),
+            (None, None) => ShapeFigures::of_sphere(self.grains.d_mm(grain)),
         }
     }
 
     /// The form and the sizes of a grain alone, without an integral for its surface.
     fn measured(&self, grain: usize) -> MeasuredGrain {
-        match self.grains {
-            GrainsRef::Solids(solids) => match &solids.shapes[grain] {
-                Solid::Ellipsoid(ellipsoid) => {
-                    MeasuredGrain { form: ellipsoid.form(), sizes: ellipsoid.into() }
-                }
-                Solid::Polyhedron { template, d_mm } => {
-                    let of_template = self.of_template(*template);
-                    MeasuredGrain { form: of_template.form, sizes: of_template.sizes.scaled(*d_mm) }
-                }
-            },
-            GrainsRef::Spheres(_) => {
-                let Figures { form, sizes, .. } = self.of(grain);
-                MeasuredGrain { form, sizes }
-            }
+        let shape = self.grains.solids().filter(|_| self.grains.template(grain).is_none());
+        if let Some(shape) = shape.map(|solids| solids.shape(grain)) {
+            return MeasuredGrain { form: shape.form(), sizes: shape.calipers() };
         }
+        let ShapeFigures { form, sizes, .. } = self.of(grain);
+        MeasuredGrain { form, sizes }
     }
 
-    fn of_template(&self, template: u32) -> &Figures {
+    fn of_template(&self, template: u32) -> &ShapeFigures {
         self.templates[template as usize].as_ref().expect("the templates of all grains are measured")
     }
 }
@@ -139,8 +59,11 @@ pub struct MeasuredGrain {
 #[must_use]
 pub fn measured_grains<'a>(grains: impl Into<GrainsRef<'a>>) -> Option<Vec<MeasuredGrain>> {
     let measured = Measured::new(grains.into());
-    let is_shaped = measured.grains.kind() != GrainKind::Spheres;
-    is_shaped.then(|| (0..measured.grains.len()).map(|grain| measured.measured(grain)).collect())
+    measured
+        .grains
+        .kind()
+        .has_orientations()
+        .then(|| (0..measured.grains.len()).map(|grain| measured.measured(grain)).collect())
 }
 
 /// The figures of grains that are not spheres; `None` without grains.
@@ -180,7 +103,7 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, figures: &Figures, pose: &Pose) {
+    fn add(&mut self, figures: &ShapeFigures, pose: &Pose) {
         let volume_mm3 = figures.sizes.volume_mm3;
         self.volume_mm3 += volume_mm3;
         self.elongation += volume_mm3 * figures.form.elongation;
@@ -232,9 +155,12 @@ impl Sums {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use nalgebra::UnitQuaternion;
+    use std::f64::consts::PI;
+
+    use nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
+    use crate::shape::{Ellipsoid, Polyhedron, Solid};
 
     /// A cuboid of equivalent diameter 1, and that of its edges times a factor.
     fn cuboid(edges: [f64; 3]) -> (Polyhedron, f64) {
@@ -254,7 +180,7 @@ mod tests {
         let shapes = [(0, of_cube), (1, of_plate)];
         let grains = Solids {
             templates: vec![cube, plate],
-            shapes: shapes.map(|(template, d_mm)| Solid::Polyhedron { template, d_mm }).to_vec(),
+            shapes: shapes.map(|(template, d_mm)| Solid::of_template(template, d_mm)).to_vec(),
             poses: vec![flat, Pose { orientation: turned, ..flat }],
             aggregate: Vec::new(),
         };

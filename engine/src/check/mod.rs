@@ -7,7 +7,7 @@
 //! nothing of the packing methods, their distance rule or their specimen geometry; `tests/layers.rs` holds that. A
 //! packing that fails here is never returned. Costs O(N).
 //!
-//! Of bodies that are not spheres, [`check_solids`] requires that their surfaces keep the gap of the diameters of equal
+//! Of bodies that are not spheres, the check requires that their surfaces keep the gap of the diameters of equal
 //! volume. Every pair that passes is proven by a direction `n` with `s(n) >= g` (`separation`), which
 //! [`certify_shapes`] returns for anyone to evaluate again. Sieve sizes of polyhedra are proven ([`SieveSizes`]).
 //!
@@ -64,8 +64,8 @@ pub use convex::Body;
 pub use packing::check_bodies;
 pub use region::Region;
 pub use separation::{Direction, Image, Verdict};
-pub use solids::{certify, certify_shapes, check_shapes, check_solids};
-pub use spheres::{check, check_with};
+pub use solids::{certify, certify_shapes, check_shapes};
+pub use spheres::check;
 
 /// Which conditions of a packing are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -195,9 +195,19 @@ pub fn inspect<'a>(
     control: &dyn Control,
 ) -> Result<Inspection, Fault> {
     let walk = &walk::Walk { threads, control };
-    match grains.into() {
-        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, Scope::All, walk),
-        GrainsRef::Solids(solids) => solids::judge(solids, (request, extent), Scope::All, sieve_sizes, walk),
+    judge(grains.into(), (request, extent), Scope::All, sieve_sizes, walk)
+}
+
+fn judge(
+    grains: GrainsRef<'_>,
+    (request, extent): (&PackingRequest, Extent),
+    scope: Scope,
+    sieve_sizes: &SieveSizes,
+    walk: &walk::Walk<'_>,
+) -> Result<Inspection, Fault> {
+    match grains {
+        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, scope, walk),
+        GrainsRef::Solids(solids) => solids::judge(solids, (request, extent), scope, sieve_sizes, walk),
     }
 }
 
@@ -217,11 +227,7 @@ pub fn check_grains<'a>(
     control: &dyn Control,
 ) -> Result<Check, Fault> {
     let walk = &walk::Walk { threads, control };
-    let inspected = match grains.into() {
-        GrainsRef::Spheres(spheres) => spheres::judge(spheres, request, extent, scope, walk),
-        GrainsRef::Solids(solids) => solids::judge(solids, (request, extent), scope, sieve_sizes, walk),
-    };
-    inspected?.grading
+    judge(grains.into(), (request, extent), scope, sieve_sizes, walk)?.grading
 }
 
 /// What a check found in a valid packing.

@@ -22,21 +22,6 @@ use crate::packing::{GrainsRef, Solids};
 use crate::request::{Distance, PackingRequest, Specimen};
 use crate::shape::{self, Ellipsoid, Pose, SizeMeasure, SolidRef};
 
-/// Checks a packing of shaped grains against its request, by the sizes of its mix, on so many threads.
-/// What is found does not depend on the threads.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`].
-pub fn check_solids(
-    solids: &Solids,
-    request: &PackingRequest,
-    threads: NonZeroUsize,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    let walk = &Walk { threads, control };
-    judge(solids, (request, Extent::WHOLE), Scope::All, &SieveSizes::default(), walk)?.grading
-}
-
 /// Checks what the scope names.
 pub(super) fn judge(
     solids: &Solids,

@@ -10,7 +10,7 @@ use super::required::Required;
 use super::table::{Grain, Table};
 use super::walk::{Findings, Walk};
 use super::{Check, Extent, Fault, Inspection, Pairs, Scope};
-use crate::control::{Control, Unattended};
+use crate::control::Unattended;
 use crate::packing::Spheres;
 use crate::request::PackingRequest;
 
@@ -22,20 +22,8 @@ const GRAINS_PER_PIECE: usize = 4096;
 /// # Errors
 /// The first fault found.
 pub fn check(spheres: &Spheres, request: &PackingRequest) -> Result<Check, Fault> {
-    check_with(spheres, request, NonZeroUsize::MIN, &Unattended)
-}
-
-/// [`check`] on so many threads, with progress and with a way to stop it. What is found does not depend on the threads.
-///
-/// # Errors
-/// The first fault found, or [`Fault::Stopped`].
-pub fn check_with(
-    spheres: &Spheres,
-    request: &PackingRequest,
-    threads: NonZeroUsize,
-    control: &dyn Control,
-) -> Result<Check, Fault> {
-    judge(spheres, request, Extent::WHOLE, Scope::All, &Walk { threads, control })?.grading
+    let walk = Walk { threads: NonZeroUsize::MIN, control: &Unattended };
+    judge(spheres, request, Extent::WHOLE, Scope::All, &walk)?.grading
 }
 
 /// Checks what the scope names.

@@ -141,7 +141,7 @@ mod tests {
     use crate::plan::Limits;
     use crate::request::{Boundary, Specimen};
 
-    const BOX: Specimen = Specimen::Box { size_mm: [10.0; 3], boundary: Boundary::Walls };
+    const BOX: Specimen = Specimen::cuboid([10.0; 3], Boundary::Walls);
     /// That of a ball of 6 mm in the box.
     const VOLUME_FRACTION: f64 = std::f64::consts::PI / 6.0 * 0.216;
 

@@ -136,7 +136,7 @@ mod tests {
     use crate::packing::Spheres;
     use crate::request::{Boundary, Specimen};
 
-    const CUBE: Specimen = Specimen::Box { size_mm: [12.0; 3], boundary: Boundary::Walls };
+    const CUBE: Specimen = Specimen::cuboid([12.0; 3], Boundary::Walls);
 
     fn spheres() -> Spheres {
         let mut spheres = Spheres::default();

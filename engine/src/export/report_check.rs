@@ -140,7 +140,7 @@ mod tests {
 
     /// What a worker sends of one ball in a cube, with one place of the report changed.
     fn checked(options: &Value, change: impl FnOnce(&mut Value)) -> Result<(), String> {
-        let specimen = Specimen::Box { size_mm: [SIZE_MM; 3], boundary: Boundary::Periodic };
+        let specimen = Specimen::cuboid([SIZE_MM; 3], Boundary::Periodic);
         let mut ball = Spheres::default();
         ball.push([5.0; 3], 6.0);
         let export = ExportRequest::from_json(options).unwrap();
@@ -182,7 +182,7 @@ mod tests {
             ("the aggregates have the share", |report| report["phases"][1]["exact_share"] = json!(0.2)),
             ("must be of \"properties\"", |report| {
                 let quality = ExportRequest::from_json(&json!({"type": "quality"})).unwrap();
-                let specimen = Specimen::Box { size_mm: [SIZE_MM; 3], boundary: Boundary::Periodic };
+                let specimen = Specimen::cuboid([SIZE_MM; 3], Boundary::Periodic);
                 let mut balls = Spheres::default();
                 for x in [1.0, 4.0, 7.0] {
                     balls.push([x, 5.0, 5.0], 2.0);

@@ -10,12 +10,12 @@ use serde::{Deserialize, Serialize};
 use super::kind::{Expected, Export, ExportEstimate};
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
-use crate::analysis::shapes::{Figures, Measured};
+use crate::analysis::shapes::Measured;
 use crate::control::{Control, Progress, Step};
 use crate::packing::GrainsRef;
 use crate::plan::Limits;
 use crate::request::decode::Object;
-use crate::shape::{Solid, Zingg};
+use crate::shape::{ShapeFigures, Zingg};
 
 /// Names of the columns, in their order.
 pub const COLUMNS: [&str; 14] = [
@@ -121,16 +121,7 @@ impl Export for ShapeTableOptions {
     }
 }
 
-fn cells(grains: GrainsRef<'_>, grain: usize, figures: &Figures) -> [Cell; 14] {
-    let (shape, template, d_mm) = match grains {
-        GrainsRef::Spheres(spheres) => ("sphere", Cell::None, spheres.d_mm[grain]),
-        GrainsRef::Solids(solids) => match &solids.shapes[grain] {
-            shape @ Solid::Ellipsoid(_) => ("ellipsoid", Cell::None, shape.d_mm()),
-            shape @ Solid::Polyhedron { template, .. } => {
-                ("polyhedron", Cell::Whole(i64::from(*template)), shape.d_mm())
-            }
-        },
-    };
+fn cells(grains: GrainsRef<'_>, grain: usize, figures: &ShapeFigures) -> [Cell; 14] {
     let class = match figures.form.zingg() {
         Zingg::Disc => "disc",
         Zingg::Equant => "equant",
@@ -139,9 +130,9 @@ fn cells(grains: GrainsRef<'_>, grain: usize, figures: &Figures) -> [Cell; 14] {
     };
     [
         Cell::Whole(grain as i64),
-        Cell::Word(shape),
-        template,
-        Cell::Number(d_mm),
+        Cell::Word(grains.noun(grain)),
+        grains.template(grain).map_or(Cell::None, |template| Cell::Whole(template.into())),
+        Cell::Number(grains.d_mm(grain)),
         Cell::Number(figures.sizes.sieve_mm),
         Cell::Number(figures.sizes.length_mm),
         Cell::Number(figures.sizes.thickness_mm),

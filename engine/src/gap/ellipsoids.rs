@@ -313,7 +313,7 @@ impl ConvexShape for Ellipsoid {
     }
 
     fn scaled(&self, factor: f64) -> Option<Self> {
-        Self::new((self.semi_axes_mm() * factor).into())
+        Self::scaled(self, factor)
     }
 
     #[inline(always)]

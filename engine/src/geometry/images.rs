@@ -157,7 +157,7 @@ mod tests {
     use crate::request::Specimen;
 
     fn periodic(size_mm: [f64; 3]) -> Images {
-        Images::new(&Specimen::Box { size_mm, boundary: Boundary::Periodic })
+        Images::new(&Specimen::cuboid(size_mm, Boundary::Periodic))
     }
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn walls_leave_the_grain_itself() {
         let size_mm = [10.0; 3];
-        let images = Images::new(&Specimen::Box { size_mm, boundary: Boundary::Walls });
+        let images = Images::new(&Specimen::cuboid(size_mm, Boundary::Walls));
         let found: Vec<_> = images.meeting_box([0.5, 5.0, 9.9], [1.0; 3]).collect();
         assert_eq!(found, [Image { steps: [0; 3], offset_mm: Vector3::zeros() }]);
     }
@@ -206,7 +206,7 @@ mod tests {
         // 3, 6 and 9 mm along x, 10 mm along y and z; one step along x and y is sqrt(109) = 10.44 mm.
         assert_eq!(steps, [[1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 0, 1], [0, 1, 0]]);
         assert_eq!(found[2].offset_mm, Vector3::new(9.0, 0.0, 0.0));
-        let walls = Images::new(&Specimen::Box { size_mm: [3.0; 3], boundary: Boundary::Walls });
+        let walls = Images::new(&Specimen::cuboid([3.0; 3], Boundary::Walls));
         assert_eq!(walls.of_itself(100.0).unwrap(), []);
         assert_eq!(walls.boxes_met([1.0; 3], [9.0; 3]).collect::<Vec<_>>(), [[0; 3]]);
     }

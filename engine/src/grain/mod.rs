@@ -3,7 +3,7 @@
 //! [`Grain`] says what a grain is to everything that measures, draws or exports a packing. Each kind of grain
 //! implements it in a file of its own ([`sphere`], [`ellipsoid`], [`polyhedron`]); [`placed`] lists the kinds and holds
 //! the grains of a packing. Slices, voxels, lattices, pictures and effective properties ask a grain and do not look at
-//! its kind. What still does, surface meshes and tables among them, is listed in `engine/tests/layers.rs`.
+//! its kind. What still does is listed in `engine/tests/layers.rs`.
 //!
 //! Points and directions are in mm along the axes of the specimen. Points are seen from the centre of the grain, so
 //! that the images of a grain in a periodic box are the same grain about other centres.

@@ -116,7 +116,7 @@ mod tests {
     use crate::request::{Boundary, Specimen};
 
     fn boxed(size_mm: [f64; 3], boundary: Boundary) -> Images {
-        Images::new(&Specimen::Box { size_mm, boundary })
+        Images::new(&Specimen::cuboid(size_mm, boundary))
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub use orientation::{draw_orientation, uniform_orientation};
 pub(crate) use shapes::MeanForm;
 pub use shapes::ShapeSampler;
 
+pub use crate::shape::sphere_volume;
+
 /// Narrow classes per octave of diameter into which every curve is split, so that the few largest
 /// grains follow it too and the total misses by less than one of the smallest.
 const CLASSES_PER_OCTAVE: f64 = 12.0;
@@ -68,11 +70,6 @@ pub struct GradedMix {
     pub specimen_volume_mm3: f64,
     /// The shapes of the grains; none where all are spheres. Diameters are then sieve sizes or equivalent diameters.
     pub shapes: Option<ShapeSampler>,
-}
-
-/// Volume of a sphere of diameter `d`, in the cube of the unit of `d`.
-pub fn sphere_volume(d: f64) -> f64 {
-    std::f64::consts::FRAC_PI_6 * d * d * d
 }
 
 impl GradedMix {

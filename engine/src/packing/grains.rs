@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::request::GrainKind;
-use crate::shape::{Ellipsoid, Polyhedron, Pose, ScaledPolyhedron, Solid, SolidRef};
+use crate::shape::{Ellipsoid, Polyhedron, Pose, Solid, SolidRef, sphere_volume};
 
 /// Spheres in columns of equal length, largest first; the row number is the grain's id.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,7 +69,7 @@ impl Solids {
     /// Ellipsoids with their poses.
     #[must_use]
     pub fn of_ellipsoids(shapes: Vec<Ellipsoid>, poses: Vec<Pose>) -> Self {
-        let shapes = shapes.into_iter().map(Solid::Ellipsoid).collect();
+        let shapes = shapes.into_iter().map(Solid::from).collect();
         Self { templates: Vec::new(), shapes, poses, aggregate: Vec::new() }
     }
 
@@ -81,8 +81,7 @@ impl Solids {
         d_mm: &[f64],
         poses: Vec<Pose>,
     ) -> Self {
-        let shape = |(&template, &d_mm): (&u32, &f64)| Solid::Polyhedron { template, d_mm };
-        let shapes = template.iter().zip(d_mm).map(shape).collect();
+        let shapes = template.iter().zip(d_mm).map(|(&of, &d_mm)| Solid::of_template(of, d_mm)).collect();
         Self { templates, shapes, poses, aggregate: Vec::new() }
     }
 
@@ -101,13 +100,9 @@ impl Solids {
     /// What they are. Looks at all grains.
     #[must_use]
     pub fn kind(&self) -> GrainKind {
-        let is_polyhedron = |shape: &Solid| shape.template().is_some();
-        match (self.shapes.iter().any(is_polyhedron), self.shapes.iter().all(is_polyhedron)) {
-            (true, true) => GrainKind::Polyhedra,
-            (true, false) => GrainKind::Mixed,
-            (false, true) if !self.templates.is_empty() => GrainKind::Polyhedra,
-            (false, _) => GrainKind::Ellipsoids,
-        }
+        let any = |has_template: bool| self.shapes.iter().any(|of| of.template().is_some() == has_template);
+        let has_templates = if self.is_empty() { !self.templates.is_empty() } else { any(true) };
+        GrainKind::of(!has_templates || any(false), has_templates)
     }
 
     /// The shape of a grain.
@@ -116,13 +111,7 @@ impl Solids {
     /// Without that grain, or without its template.
     #[must_use]
     pub fn shape(&self, grain: usize) -> SolidRef<'_> {
-        match self.shapes[grain] {
-            Solid::Ellipsoid(ellipsoid) => SolidRef::Ellipsoid(ellipsoid),
-            Solid::Polyhedron { template, d_mm } => SolidRef::Polyhedron(ScaledPolyhedron {
-                template: &self.templates[template as usize],
-                scale_mm: d_mm,
-            }),
-        }
+        self.shapes[grain].of(&self.templates).expect("a template of these grains")
     }
 
     /// The grains one after the other.
@@ -159,19 +148,85 @@ impl Grains {
     /// The spheres, where they are spheres.
     #[must_use]
     pub fn spheres(&self) -> Option<&Spheres> {
-        match self {
-            Self::Spheres(spheres) => Some(spheres),
-            Self::Solids(_) => None,
-        }
+        GrainsRef::from(self).spheres()
     }
 
     /// The grains, where they are no spheres.
     #[must_use]
     pub fn solids(&self) -> Option<&Solids> {
+        GrainsRef::from(self).solids()
+    }
+
+    /// The grains with their shapes, or the spheres where all are spheres.
+    ///
+    /// # Errors
+    /// They are spheres.
+    pub fn into_solids(self) -> Result<Solids, Spheres> {
         match self {
-            Self::Spheres(_) => None,
-            Self::Solids(solids) => Some(solids),
+            Self::Spheres(spheres) => Err(spheres),
+            Self::Solids(solids) => Ok(solids),
         }
+    }
+
+    /// Takes templates in place of those of the grains, as many.
+    pub fn set_templates(&mut self, templates: &[Polyhedron]) {
+        if let Self::Solids(solids) = self {
+            templates.clone_into(&mut solids.templates);
+        }
+    }
+
+    /// Leaves the first grains, that many.
+    pub fn truncate(&mut self, grains: usize) {
+        match self {
+            Self::Spheres(Spheres { x_mm, y_mm, z_mm, d_mm, aggregate }) => {
+                for column in [x_mm, y_mm, z_mm, d_mm] {
+                    column.truncate(grains);
+                }
+                aggregate.truncate(grains);
+            }
+            Self::Solids(Solids { shapes, poses, aggregate, .. }) => {
+                shapes.truncate(grains);
+                poses.truncate(grains);
+                aggregate.truncate(grains);
+            }
+        }
+    }
+
+    /// Multiplies the sizes of all grains.
+    pub fn scale(&mut self, factor: f64) {
+        match self {
+            _ if factor == 1.0 => {}
+            Self::Spheres(spheres) => spheres.d_mm.iter_mut().for_each(|d| *d *= factor),
+            Self::Solids(solids) => {
+                solids.shapes.iter_mut().for_each(|shape| *shape = shape.scaled(factor));
+            }
+        }
+    }
+
+    /// The grains with the sizes of others, as many of the same kind; `None` where their kind is another.
+    #[must_use]
+    pub fn with_sizes_of(&self, other: &Self) -> Option<Self> {
+        Some(match (self, other) {
+            (Self::Spheres(own), Self::Spheres(other)) => {
+                Self::Spheres(Spheres { d_mm: other.d_mm.clone(), ..own.clone() })
+            }
+            (Self::Solids(own), Self::Solids(other)) => {
+                Self::Solids(Solids { shapes: other.shapes.clone(), ..own.clone() })
+            }
+            _ => return None,
+        })
+    }
+}
+
+impl From<Spheres> for Grains {
+    fn from(spheres: Spheres) -> Self {
+        Self::Spheres(spheres)
+    }
+}
+
+impl From<Solids> for Grains {
+    fn from(solids: Solids) -> Self {
+        Self::Solids(solids)
     }
 }
 
@@ -192,6 +247,42 @@ impl<'a> GrainsRef<'a> {
             Self::Spheres(_) => GrainKind::Spheres,
             Self::Solids(solids) => solids.kind(),
         }
+    }
+
+    /// The spheres, where all are spheres.
+    #[must_use]
+    pub fn spheres(self) -> Option<&'a Spheres> {
+        match self {
+            Self::Spheres(spheres) => Some(spheres),
+            Self::Solids(_) => None,
+        }
+    }
+
+    /// The grains with their shapes, where they are not all spheres.
+    #[must_use]
+    pub fn solids(self) -> Option<&'a Solids> {
+        match self {
+            Self::Spheres(_) => None,
+            Self::Solids(solids) => Some(solids),
+        }
+    }
+
+    /// What a grain is called.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[must_use]
+    pub fn noun(self, grain: usize) -> &'static str {
+        self.solids().map_or("sphere", |solids| solids.shapes[grain].noun())
+    }
+
+    /// Index of the template of a grain, where it has one.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[must_use]
+    pub fn template(self, grain: usize) -> Option<u32> {
+        self.solids()?.shapes[grain].template()
     }
 
     /// Diameter of the sphere of equal volume in mm.
@@ -218,6 +309,37 @@ impl<'a> GrainsRef<'a> {
             Self::Spheres(spheres) => spheres.center(grain),
             Self::Solids(solids) => solids.poses[grain].center_mm.into(),
         }
+    }
+
+    /// Volume of a grain in mm³.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[must_use]
+    pub fn volume_mm3(self, grain: usize) -> f64 {
+        match self {
+            Self::Spheres(spheres) => sphere_volume(spheres.d_mm[grain]),
+            Self::Solids(solids) => solids.shapes[grain].volume_mm3(),
+        }
+    }
+
+    /// Whether a grain has the size and the shape of that of other grains times a factor, to the last bit, and its
+    /// aggregate.
+    ///
+    /// # Panics
+    /// Without that grain.
+    #[must_use]
+    pub fn is_scaled(self, grain: usize, other: GrainsRef<'_>, factor: f64) -> bool {
+        let has_size = match (self, other) {
+            (Self::Spheres(own), GrainsRef::Spheres(other)) => {
+                own.d_mm[grain].to_bits() == (factor * other.d_mm[grain]).to_bits()
+            }
+            (Self::Solids(own), GrainsRef::Solids(other)) => {
+                own.shapes[grain].has_bits_of(&other.shapes[grain].scaled(factor))
+            }
+            _ => false,
+        };
+        has_size && self.aggregate().get(grain) == other.aggregate().get(grain)
     }
 
     /// Diameters of the spheres of equal volume in mm, in the order of the grains.
@@ -250,10 +372,7 @@ impl<'a> GrainsRef<'a> {
     /// The templates of polyhedra; none of other grains.
     #[must_use]
     pub fn templates(self) -> &'a [Polyhedron] {
-        match self {
-            Self::Spheres(_) => &[],
-            Self::Solids(solids) => &solids.templates,
-        }
+        self.solids().map_or(&[], |solids| &solids.templates)
     }
 
     /// The grains of these rows alone, in the order of the rows.

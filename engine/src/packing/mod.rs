@@ -109,10 +109,7 @@ impl Packing {
     /// The grains, where they are spheres.
     #[must_use]
     pub fn into_spheres(self) -> Option<Spheres> {
-        match self.grains {
-            Grains::Spheres(spheres) => Some(spheres),
-            Grains::Solids(_) => None,
-        }
+        self.grains.into_solids().err()
     }
 }
 

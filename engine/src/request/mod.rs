@@ -186,6 +186,12 @@ pub enum Specimen {
 }
 
 impl Specimen {
+    /// A box.
+    #[must_use]
+    pub const fn cuboid(size_mm: [f64; 3], boundary: Boundary) -> Self {
+        Self::Box { size_mm, boundary }
+    }
+
     /// Its lengths in mm, each with its pointer in a request.
     #[must_use]
     pub fn lengths(&self) -> Vec<(String, f64)> {
@@ -304,25 +310,20 @@ pub struct Mix {
 impl Mix {
     /// Whether any grain may be no sphere.
     pub fn has_shapes(&self) -> bool {
-        self.grain_kind() != GrainKind::Spheres
+        self.grain_kind().has_orientations()
     }
 
     /// What the grains are; spheres count as ellipsoids among other shapes.
     pub fn grain_kind(&self) -> GrainKind {
         let parts = self.parts();
         let is_polyhedron = |shape: &GrainShape, wanted: bool| {
-            shape.parts().iter().any(|(_, shape)| (shape.kind() == GrainKind::Polyhedra) == wanted)
+            shape.parts().iter().any(|(_, shape)| shape.kind().has_templates() == wanted)
         };
         let shapes = || parts.iter().filter_map(MixPart::grain_shapes).flatten();
         let has_polyhedra = shapes().any(|(_, shape)| is_polyhedron(shape, true));
         let has_others = shapes().any(|(_, shape)| is_polyhedron(shape, false))
             || parts.iter().any(|part| part.grain_shapes().is_none());
-        match (has_polyhedra, has_others) {
-            (true, true) => GrainKind::Mixed,
-            (true, false) => GrainKind::Polyhedra,
-            (false, _) if shapes().next().is_some() => GrainKind::Ellipsoids,
-            (false, _) => GrainKind::Spheres,
-        }
+        GrainKind::of(has_others && shapes().next().is_some(), has_polyhedra)
     }
 
     /// Requested volume of the aggregate over that of the specimen, whether by `volume_fraction` or by `proportions`;

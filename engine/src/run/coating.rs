@@ -8,20 +8,12 @@ use crate::shape::{ParallelBody, Solid};
 
 /// Volume in mm³ of the bodies parallel to the grains at half of their gap.
 pub(super) fn volume_mm3(grains: GrainsRef<'_>, rule: &DistanceRule) -> f64 {
-    let GrainsRef::Solids(solids) = grains else {
+    let Some(solids) = grains.solids() else {
         return grains.diameters_mm().map(|d| sphere_volume(d + rule.gap_mm(d, d))).sum();
     };
     let templates: Vec<ParallelBody> = solids.templates.iter().map(ParallelBody::from).collect();
-    let coated = |shape: &Solid| {
-        let coating = 0.5 * rule.gap_mm(shape.d_mm(), shape.d_mm());
-        match shape {
-            Solid::Ellipsoid(ellipsoid) if coating > 0.0 => ParallelBody::from(ellipsoid).volume_at(coating),
-            Solid::Ellipsoid(ellipsoid) => ellipsoid.volume_mm3(),
-            Solid::Polyhedron { template, d_mm } => {
-                templates[*template as usize].scaled(*d_mm).volume_at(coating)
-            }
-        }
-    };
+    let coated =
+        |shape: &Solid| shape.coated_volume_mm3(0.5 * rule.gap_mm(shape.d_mm(), shape.d_mm()), &templates);
     solids.shapes.iter().map(coated).sum()
 }
 

@@ -10,7 +10,7 @@
 
 use std::time::Instant;
 
-use super::partial::{self, Kept};
+use super::partial::Kept;
 use super::size_scale::unbounded_scale;
 use super::{Drawn, Finishing, Growing, Placed, Times, distance_asked_mm, finished, not_grown};
 use crate::checkpoint::{Checkpoint, Resume};
@@ -182,7 +182,7 @@ pub(super) fn pack(
             attempt = again;
             continue;
         }
-        partial::scale(&mut placed.grains, size_scale);
+        placed.grains.scale(size_scale);
         let kept = Kept {
             size_scale,
             reason: placed.short.take().map(|short| short.reason),

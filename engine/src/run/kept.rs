@@ -7,7 +7,7 @@ use super::Placed;
 use super::size_scale::NearPairs;
 use crate::gap::linear::norm;
 use crate::memory::OutOfMemory;
-use crate::packing::{Grains, GrowthEnd, Spheres};
+use crate::packing::{GrowthEnd, Spheres};
 use crate::request::{Distance, Specimen};
 
 /// Share of the lengths of a pair by which the distance is shorter than the smallest gap, for rounding.
@@ -22,7 +22,7 @@ pub(super) fn set_distance(
     distance: &Distance,
     specimen: &Specimen,
 ) -> Result<(), OutOfMemory> {
-    let (Distance::Maximize { wall_gap_mm }, Grains::Spheres(spheres)) = (distance, &placed.grains) else {
+    let (Distance::Maximize { wall_gap_mm }, Some(spheres)) = (distance, placed.grains.spheres()) else {
         return Ok(());
     };
     let ended = placed.statistics.edmd.map(|edmd| edmd.stop);

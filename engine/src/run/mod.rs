@@ -41,12 +41,11 @@ use crate::mix::sampling::{Diameters, sample, sample_shaped};
 use crate::mix::{GradedMix, deviation, sphere_volume};
 use crate::packing::{
     CheckReport, Grains, GrainsRef, GrowthEnd, GrowthPoint, MethodUsed, Packing, PartialReason, Report,
-    SegregationReport, ShapeReport, Solids, Statistics, Summary, Timings,
+    SegregationReport, ShapeReport, Spheres, Statistics, Summary, Timings,
 };
 use crate::plan::{Limits, Plan, mix_warnings};
 use crate::request::{Distance, OnLimit, PackingRequest, Segregation};
 use crate::rng::{Stream, stream};
-use crate::shape::{Ellipsoid, Solid};
 use crate::template_cache::TemplateCache;
 use partial::{Kept, Short};
 
@@ -90,7 +89,7 @@ pub fn pack_or_resume(
         return densest::pack(request, &plan, (limits, templates), resume, control, started);
     }
     let drawn = Drawn::new(request, control)?;
-    let coarse = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3())
+    let coarse = deviation::judge_volume(&request.mix, &drawn.mix, volume_mm3(&drawn.sampled))
         .map_err(PlanError::Coarse)?;
     let sampling_s = started.elapsed().as_secs_f64();
     let Drawn { mix, sampled } = drawn;
@@ -170,16 +169,16 @@ impl Growing<'_> {
     fn place(
         &self,
         mix: &GradedMix,
-        sampled: Sampled,
+        sampled: Grains,
         resume: Option<Resume>,
         control: &dyn Control,
     ) -> Result<Placed, PackError> {
-        match sampled {
-            Sampled::Spheres(Diameters { d_mm, parts }) => {
-                let mut job = spheres::SphereJob { run: *self, mix, diameters: &d_mm, aggregate: &parts };
+        match sampled.into_solids() {
+            Err(Spheres { d_mm, aggregate, .. }) => {
+                let mut job = spheres::SphereJob { run: *self, mix, diameters: &d_mm, aggregate: &aggregate };
                 job::place(&mut job, resume, control)
             }
-            Sampled::Solids(solids) => shaped::place(self, mix, solids, resume, control),
+            Ok(solids) => shaped::place(self, mix, solids, resume, control),
         }
     }
 
@@ -212,7 +211,8 @@ fn finish_reason(control: &dyn Control) -> PartialReason {
 /// The grains that a seed draws, and the mix that they are of.
 struct Drawn {
     mix: GradedMix,
-    sampled: Sampled,
+    /// From the largest down; they have no positions.
+    sampled: Grains,
 }
 
 impl Drawn {
@@ -227,7 +227,7 @@ impl Drawn {
             growth: None,
         });
         let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
-        let sampled = Sampled::draw(request, &mix, control)?;
+        let sampled = sampled(request, &mix, control)?;
         Ok(Self { mix, sampled })
     }
 }
@@ -303,55 +303,21 @@ impl Figures {
     }
 }
 
-/// The grains of a mix before they have positions, from the largest down.
-enum Sampled {
-    Spheres(Diameters),
-    Solids(Solids),
+/// The grains of a mix before they have positions.
+fn sampled(request: &PackingRequest, mix: &GradedMix, control: &dyn Control) -> Result<Grains, PackError> {
+    let mut sizes = stream(request.seed, Stream::Sampling);
+    let should_stop = || control.should_stop();
+    if mix.shapes.is_none() {
+        let Diameters { d_mm, parts } = sample(mix, &mut sizes, &should_stop)?;
+        return Ok(Spheres { d_mm, aggregate: parts, ..Spheres::default() }.into());
+    }
+    let mut forms = stream(request.seed, Stream::Shape);
+    Ok(sample_shaped(mix, &mut sizes, &mut forms, &should_stop)?.grains.into())
 }
 
-impl Sampled {
-    fn draw(request: &PackingRequest, mix: &GradedMix, control: &dyn Control) -> Result<Self, PackError> {
-        let mut sizes = stream(request.seed, Stream::Sampling);
-        let should_stop = || control.should_stop();
-        if mix.shapes.is_none() {
-            return sample(mix, &mut sizes, &should_stop).map(Self::Spheres);
-        }
-        let mut forms = stream(request.seed, Stream::Shape);
-        sample_shaped(mix, &mut sizes, &mut forms, &should_stop).map(|drawn| Self::Solids(drawn.grains))
-    }
-
-    fn len(&self) -> usize {
-        match self {
-            Self::Spheres(diameters) => diameters.d_mm.len(),
-            Self::Solids(solids) => solids.len(),
-        }
-    }
-
-    /// Leaves the largest grains, so many of them.
-    fn truncate(&mut self, grains: usize) {
-        match self {
-            Self::Spheres(Diameters { d_mm, parts }) => {
-                d_mm.truncate(grains);
-                parts.truncate(grains);
-            }
-            Self::Solids(solids) => {
-                solids.shapes.truncate(grains);
-                solids.aggregate.truncate(grains);
-            }
-        }
-    }
-
-    fn volume_mm3(&self) -> f64 {
-        match self {
-            Self::Spheres(diameters) => diameters.d_mm.iter().map(|&d| sphere_volume(d)).sum(),
-            Self::Solids(solids) => solids.shapes.iter().map(shape_volume).sum(),
-        }
-    }
-}
-
-/// Volume of a grain in mm³.
-fn shape_volume(shape: &Solid) -> f64 {
-    shape.ellipsoid().map_or_else(|| sphere_volume(shape.d_mm()), Ellipsoid::volume_mm3)
+/// Volume of all grains in mm³.
+fn volume_mm3(grains: &Grains) -> f64 {
+    (0..grains.len()).map(|grain| GrainsRef::from(grains).volume_mm3(grain)).sum()
 }
 
 /// Grains with their positions.

@@ -13,12 +13,10 @@ use super::{Placed, as_checked, distance_asked_mm};
 use crate::check::Extent;
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, PackError, TargetNotReached};
-use crate::gap::grain::ConvexShape as _;
 use crate::mix::GradedMix;
-use crate::packing::{Grains, Partial, PartialReason, Statistics, Summary};
+use crate::packing::{Partial, PartialReason, Statistics, Summary};
 use crate::plan::Drawing;
 use crate::request::{Distance, PackingRequest};
-use crate::shape::Solid;
 
 /// Why a run ended before its target, though its packing is kept.
 #[derive(Clone, Debug)]
@@ -156,7 +154,7 @@ pub(super) fn sized(
             scales.into_iter().chain([monte_carlo.as_mut().map(|counted| &mut counted.growth_scale)]);
         scales.flatten().for_each(|scale| *scale = 1.0);
     }
-    scale(&mut placed.grains, kept.size_scale);
+    placed.grains.scale(kept.size_scale);
     Ok(kept)
 }
 
@@ -167,30 +165,6 @@ fn without_value(failure: TargetNotReached) -> TargetNotReached {
             TargetNotReached::GrowthStopped(GrowthStopped { volume_fraction_reached: 0.0, ..stopped })
         }
         other @ TargetNotReached::InsertionFailed(_) => other,
-    }
-}
-
-/// Scales the sizes of all grains.
-pub(super) fn scale(grains: &mut Grains, factor: f64) {
-    if factor == 1.0 {
-        return;
-    }
-    match grains {
-        Grains::Spheres(spheres) => spheres.d_mm.iter_mut().for_each(|d| *d *= factor),
-        Grains::Solids(solids) => {
-            for shape in &mut solids.shapes {
-                *shape = scaled(shape, factor);
-            }
-        }
-    }
-}
-
-/// A shape with all lengths multiplied.
-pub(super) fn scaled(shape: &Solid, factor: f64) -> Solid {
-    match *shape {
-        // A factor that leaves no shape, which no packing has, changes nothing.
-        Solid::Ellipsoid(ellipsoid) => Solid::Ellipsoid(ellipsoid.scaled(factor).unwrap_or(ellipsoid)),
-        Solid::Polyhedron { template, d_mm } => Solid::Polyhedron { template, d_mm: d_mm * factor },
     }
 }
 

@@ -460,7 +460,7 @@ fn a_partial_packing_with_any_change_is_refused() {
     // All sizes smaller than they must be, as the scale says.
     let smaller = refused(&|packing| {
         partial(packing, &|partial| partial.size_scale *= 0.99);
-        super::partial::scale(&mut packing.grains, 0.99);
+        packing.grains.scale(0.99);
     });
     assert!(smaller.contains("size_scale") || smaller.contains("diameter"), "{smaller}");
     assert!(refused(&|p| partial(p, &|p| p.reason = PartialReason::TimeLimit)).contains("reason"));

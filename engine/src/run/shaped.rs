@@ -14,7 +14,7 @@ use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, RsaStatistics, Solids};
-use crate::request::{Distance, FieldError, GrainKind, GrowthBy, GrowthOptions, OnLimit, PackingRequest};
+use crate::request::{Distance, FieldError, GrowthBy, GrowthOptions, OnLimit, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::{Pose, Solid};
@@ -39,14 +39,14 @@ pub(super) fn place(
     control: &dyn Control,
 ) -> Result<Placed, PackError> {
     // Ellipsoids alone are worth a method of their own, which has no kinds to tell apart.
-    if solids.kind() == GrainKind::Ellipsoids {
+    if !solids.kind().has_templates() {
         let mut shapes = reserved(solids.len())?;
         shapes.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
         // They are there once.
         solids.shapes = Vec::new();
         let mut job = ShapeJob { run: *run, mix, shapes };
         let placed = place_shapes(&mut job, resume, control)?;
-        solids.shapes = collected(job.shapes.into_iter().map(Solid::Ellipsoid))?;
+        solids.shapes = collected(job.shapes.into_iter().map(Solid::from))?;
         return Ok(with_shapes(placed, solids));
     }
     let shapes = collected((0..solids.len()).map(|grain| solids.shape(grain)))?;
@@ -57,13 +57,10 @@ pub(super) fn place(
 /// What was placed by its poses alone, with the shapes, templates and aggregates of the grains: of the first of them,
 /// where not all were placed.
 fn with_shapes(placed: Placed, mut solids: Solids) -> Placed {
-    let poses = match placed.grains {
-        Grains::Solids(Solids { poses, .. }) => poses,
-        Grains::Spheres(_) => Vec::new(),
-    };
-    solids.shapes.truncate(poses.len());
-    solids.aggregate.truncate(poses.len());
-    Placed { grains: Grains::Solids(Solids { poses, ..solids }), ..placed }
+    solids.poses = placed.grains.into_solids().map_or_else(|_| Vec::new(), |of| of.poses);
+    solids.shapes.truncate(solids.poses.len());
+    solids.aggregate.truncate(solids.poses.len());
+    Placed { grains: solids.into(), ..placed }
 }
 
 /// Places the shapes of a job, by their poses alone.
@@ -203,7 +200,7 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
 
     /// By their poses alone.
     fn grains(&self, poses: Vec<Pose>) -> Result<Grains, OutOfMemory> {
-        Ok(Grains::Solids(Solids { poses, ..Solids::default() }))
+        Ok(Solids { poses, ..Solids::default() }.into())
     }
 
     fn by(&self) -> GrowthBy {

@@ -22,7 +22,7 @@ use crate::gap::linear::{Vector, dot, norm, scaled};
 use crate::geometry::cells::Octaves;
 use crate::geometry::images::Images;
 use crate::memory::{OutOfMemory, collected, copied, reserved};
-use crate::packing::{Grains, Solids, Spheres};
+use crate::packing::{Grains, GrainsRef, Solids, Spheres};
 use crate::request::Specimen;
 
 /// Share by which the scale is rounded down: of spheres, whose gaps are a difference of two lengths, and of others,
@@ -47,9 +47,9 @@ pub(super) fn largest_scale(
     rule: &DistanceRule,
     most: f64,
 ) -> Result<f64, OutOfMemory> {
-    match grains {
-        Grains::Spheres(spheres) => of_spheres(spheres, specimen, rule, most),
-        Grains::Solids(solids) => of_solids(solids, specimen, rule, most),
+    match grains.solids() {
+        None => of_spheres(&GrainsRef::from(grains).equivalent_spheres(), specimen, rule, most),
+        Some(solids) => of_solids(solids, specimen, rule, most),
     }
 }
 

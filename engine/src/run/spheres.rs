@@ -95,13 +95,14 @@ impl<'a> Job<'a> for SphereJob<'a> {
     fn grains(&self, centers: Vec<[f64; 3]>) -> Result<Grains, OutOfMemory> {
         let column = |a: usize| collected(centers.iter().map(|p| p[a]));
         let placed = centers.len();
-        Ok(Grains::Spheres(Spheres {
+        Ok(Spheres {
             x_mm: column(0)?,
             y_mm: column(1)?,
             z_mm: column(2)?,
             d_mm: copied(&self.diameters[..placed])?,
             aggregate: copied(self.aggregate.get(..placed).unwrap_or_default())?,
-        }))
+        }
+        .into())
     }
 
     fn by(&self) -> GrowthBy {

@@ -11,17 +11,15 @@ use std::num::NonZeroUsize;
 use super::partial::{self, Kept};
 use super::size_scale::{largest_scale, unbounded_scale};
 use super::verify_run::{judge_kept, judge_run, within};
-use super::{
-    Drawn, Figures, Sampled, Solid, as_checked, distance_asked_mm, fraction_of, shape_volume, sphere_volume,
-};
+use super::{Drawn, Figures, as_checked, distance_asked_mm, fraction_of, volume_mm3};
 use crate::check::{self, Scope};
 use crate::control::Control;
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
-use crate::export::tables::{self, Column, GrainSource};
+use crate::export::tables::{self, GrainSource};
 use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
-use crate::packing::{CheckReport, Grains, GrowthEnd, MethodUsed, Report, Solids, Spheres, Summary};
+use crate::packing::{CheckReport, Grains, GrainsRef, GrowthEnd, MethodUsed, Report, Summary};
 use crate::plan::{Drawing, Limits};
 use crate::request::{GrowthBy, Method, PackingRequest};
 use crate::shape::Polyhedron;
@@ -100,7 +98,7 @@ pub fn verify(
     let request: &PackingRequest = &templates.attached(request);
     let of_result = drawn_by(request, report)?;
     let mut drawn = drawn(&of_result, control)?;
-    let (requested, drawn_mm3) = (drawn.len(), drawn.sampled.volume_mm3());
+    let (requested, drawn_mm3) = (drawn.len(), volume_mm3(&drawn.sampled));
     let kept = Kept::of_summary(request, &report.summary, requested as u64);
     judge_kept(request, &report.summary, source.len(), requested)?;
     drawn.sampled.truncate(source.len());
@@ -188,7 +186,7 @@ pub fn verify_failure(
                 Some(found)
             } else {
                 let drawn = drawn(request, control)?;
-                let judged = deviation::judge_volume(&request.mix, &drawn.mix, drawn.sampled.volume_mm3());
+                let judged = deviation::judge_volume(&request.mix, &drawn.mix, volume_mm3(&drawn.sampled));
                 judged.err().map(PlanError::Coarse)
             };
             match found {
@@ -247,27 +245,12 @@ fn drawn(request: &PackingRequest, control: &dyn Control) -> Result<Drawn, Verif
 
 impl Drawn {
     fn len(&self) -> usize {
-        match &self.sampled {
-            Sampled::Spheres(drawn) => drawn.d_mm.len(),
-            Sampled::Solids(drawn) => drawn.len(),
-        }
+        self.sampled.len()
     }
 
     /// Diameter of the sphere of equal volume of a grain, by its rank.
     fn d_mm(&self, grain: usize) -> f64 {
-        match &self.sampled {
-            Sampled::Spheres(drawn) => drawn.d_mm[grain],
-            Sampled::Solids(drawn) => drawn.shapes[grain].d_mm(),
-        }
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        match &self.sampled {
-            Sampled::Spheres(drawn) => {
-                Column::of(crate::request::GrainKind::Spheres, !drawn.parts.is_empty())
-            }
-            Sampled::Solids(drawn) => Column::of(drawn.kind(), !drawn.aggregate.is_empty()),
-        }
+        GrainsRef::from(&self.sampled).d_mm(grain)
     }
 
     /// Reads the grains of a source, which must be as many and of the same sizes at this scale, shapes and aggregates.
@@ -277,57 +260,37 @@ impl Drawn {
         if found != drawn {
             return VerifyError::wrong(format!("the packing has {found} grains: the seed draws {drawn}"));
         }
-        if source.columns() != self.columns() {
+        if source.columns() != self.sampled.columns() {
             return VerifyError::wrong("the packing has columns of another kind of grains than the mix");
         }
         let mut grains = tables::load(source)?;
-        match (&mut grains, &self.sampled) {
-            (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
-                let differs = |grain: &usize| {
-                    !same_bits(found.d_mm[*grain], scale * drawn.d_mm[*grain])
-                        || found.aggregate.get(*grain) != drawn.parts.get(*grain)
-                };
-                if let Some(grain) = (0..found.len()).find(differs) {
-                    let (has, draws) = (found.d_mm[grain], scale * drawn.d_mm[grain]);
-                    return VerifyError::wrong(format!(
-                        "grain {grain} has the diameter {has} mm: the seed draws {draws} mm, or another aggregate"
-                    ));
-                }
-            }
-            (Grains::Solids(found), Sampled::Solids(drawn)) => {
-                let same = |(found, drawn): (&Polyhedron, &Polyhedron)| {
-                    found.vertices() == drawn.vertices()
-                        && found.faces() == drawn.faces()
-                        && same_bits(found.rounding(), drawn.rounding())
-                };
-                if found.templates.len() != drawn.templates.len()
-                    || !found.templates.iter().zip(&drawn.templates).all(same)
-                {
-                    return VerifyError::wrong(
-                        "the templates of the packing are not those that the seed draws",
-                    );
-                }
-                // They are equal, and measured.
-                found.templates.clone_from(&drawn.templates);
-                let differs = |grain: &usize| {
-                    !same_shape(&found.shapes[*grain], &partial::scaled(&drawn.shapes[*grain], scale))
-                        || found.aggregate.get(*grain) != drawn.aggregate.get(*grain)
-                };
-                if let Some(grain) = (0..found.len()).find(differs) {
-                    return VerifyError::wrong(format!(
-                        "grain {grain} has another shape, size or aggregate than the seed draws"
-                    ));
-                }
-                let has_unit = |pose: &crate::shape::Pose| {
-                    (pose.orientation.quaternion().norm() - 1.0).abs() <= UNIT_TOLERANCE
-                };
-                if let Some(grain) = found.poses.iter().position(|pose| !has_unit(pose)) {
-                    return VerifyError::wrong(format!(
-                        "grain {grain} has an orientation that is no unit quaternion"
-                    ));
-                }
-            }
-            _ => return VerifyError::wrong("the packing has another kind of grains than the mix"),
+        let same = |(found, drawn): (&Polyhedron, &Polyhedron)| {
+            found.vertices() == drawn.vertices()
+                && found.faces() == drawn.faces()
+                && same_bits(found.rounding(), drawn.rounding())
+        };
+        let templates = GrainsRef::from(&self.sampled).templates();
+        let found_templates = GrainsRef::from(&grains).templates();
+        if found_templates.len() != templates.len() || !found_templates.iter().zip(templates).all(same) {
+            return VerifyError::wrong("the templates of the packing are not those that the seed draws");
+        }
+        // They are equal, and measured.
+        grains.set_templates(templates);
+        let of_source = GrainsRef::from(&grains);
+        let differs = |grain: &usize| !of_source.is_scaled(*grain, (&self.sampled).into(), scale);
+        if let Some(grain) = (0..found).find(differs) {
+            let (has, draws) = (of_source.d_mm(grain), scale * self.d_mm(grain));
+            return VerifyError::wrong(format!(
+                "grain {grain} has the diameter {has} mm: the seed draws {draws} mm, or another shape or aggregate"
+            ));
+        }
+        let has_unit =
+            |pose: &crate::shape::Pose| (pose.orientation.quaternion().norm() - 1.0).abs() <= UNIT_TOLERANCE;
+        let poses = grains.solids().map_or(&[][..], |solids| &solids.poses);
+        if let Some(grain) = poses.iter().position(|pose| !has_unit(pose)) {
+            return VerifyError::wrong(format!(
+                "grain {grain} has an orientation that is no unit quaternion"
+            ));
         }
         same_columns(source, &grains)?;
         Ok(grains)
@@ -335,14 +298,8 @@ impl Drawn {
 
     /// Whether a scale is the largest at which these grains, at the positions of a packing, keep their distances.
     fn judge_scale(&self, request: &PackingRequest, found: &Grains, scale: f64) -> Result<(), VerifyError> {
-        let drawn = match (found, &self.sampled) {
-            (Grains::Spheres(found), Sampled::Spheres(drawn)) => {
-                Grains::Spheres(Spheres { d_mm: drawn.d_mm.clone(), ..found.clone() })
-            }
-            (Grains::Solids(found), Sampled::Solids(drawn)) => {
-                Grains::Solids(Solids { shapes: drawn.shapes.clone(), ..found.clone() })
-            }
-            _ => return VerifyError::wrong("the packing has another kind of grains than the mix"),
+        let Some(drawn) = found.with_sizes_of(&self.sampled) else {
+            return VerifyError::wrong("the packing has another kind of grains than the mix");
         };
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         let largest = if request.mix.maximizes_volume_fraction() {
@@ -396,7 +353,7 @@ impl Drawn {
                 told.grains
             ));
         }
-        let is_of_spheres = matches!(self.sampled, Sampled::Spheres(_));
+        let is_of_spheres = self.sampled.spheres().is_some();
         let has_limit = |end: GrowthEnd| match (end, request.method) {
             (GrowthEnd::Stalled | GrowthEnd::Target | GrowthEnd::NoStart, method) => {
                 !matches!(method, Method::Rsa { .. })
@@ -410,10 +367,7 @@ impl Drawn {
         if !has_limit(told.end) || by_events != matches!(told.effort, GrowthEffort::Events { .. }) {
             return VerifyError::wrong("the method of the request does not end like that");
         }
-        let asked = match &self.sampled {
-            Sampled::Spheres(drawn) => drawn.d_mm.iter().map(|&d| sphere_volume(d)).sum::<f64>(),
-            Sampled::Solids(drawn) => drawn.shapes.iter().map(shape_volume).sum(),
-        } / self.mix.specimen_volume_mm3;
+        let asked = volume_mm3(&self.sampled) / self.mix.specimen_volume_mm3;
         if (told.volume_fraction_asked - asked).abs() > ROUNDING * asked {
             return VerifyError::wrong(format!(
                 "volume_fraction_asked is {}: the seed draws {asked}",
@@ -446,20 +400,6 @@ impl Drawn {
 
 fn same_bits(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits()
-}
-
-fn same_shape(found: &Solid, drawn: &Solid) -> bool {
-    match (found, drawn) {
-        (Solid::Ellipsoid(found), Solid::Ellipsoid(drawn)) => {
-            let (found, drawn) = (found.semi_axes_mm(), drawn.semi_axes_mm());
-            (0..3).all(|k| same_bits(found[k], drawn[k]))
-        }
-        (
-            Solid::Polyhedron { template: found, d_mm: found_mm },
-            Solid::Polyhedron { template: drawn, d_mm: drawn_mm },
-        ) => found == drawn && same_bits(*found_mm, *drawn_mm),
-        _ => false,
-    }
 }
 
 /// Whether the columns of a source are those that its grains would be stored with: some follow from others.

@@ -16,6 +16,12 @@ pub struct Ellipsoid {
 }
 
 impl Ellipsoid {
+    /// The ellipsoid with all lengths multiplied; `None` where the factor leaves none.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Option<Self> {
+        Self::new((self.semi_axes_mm() * factor).into())
+    }
+
     /// An ellipsoid by its semi-axes in mm, in any order; `None` unless all are finite and positive.
     #[must_use]
     pub fn new(mut semi_axes_mm: [f64; 3]) -> Option<Self> {

@@ -4,6 +4,7 @@
 
 mod carlson;
 mod ellipsoid;
+mod figures;
 mod form;
 mod indices;
 mod parallel;
@@ -16,6 +17,7 @@ mod solid;
 mod target;
 
 pub use ellipsoid::Ellipsoid;
+pub use figures::ShapeFigures;
 pub use form::{Form, SizeMeasure, Zingg};
 pub use indices::{
     BodyAxis, CaliperSizes, FlakinessFraction, flakiness_fractions, flakiness_index, orientation_tensor,
@@ -28,6 +30,12 @@ pub use pose::Pose;
 pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
 pub use sampler::RatioSampler;
 pub use solid::{Solid, SolidRef};
+
+/// Volume of a sphere of diameter `d`, in the cube of the unit of `d`.
+#[must_use]
+pub fn sphere_volume(d: f64) -> f64 {
+    std::f64::consts::FRAC_PI_6 * d * d * d
+}
 
 /// Relative error of sizes and ratios that were computed from others, which a limit must not see.
 const ROUNDING: f64 = 1.0e-9;

@@ -2,7 +2,9 @@
 
 use std::f64::consts::PI;
 
-use super::{CaliperSizes, Ellipsoid, Polyhedron, ScaledPolyhedron};
+use super::{
+    CaliperSizes, Ellipsoid, Form, ParallelBody, Polyhedron, ScaledPolyhedron, ShapeFigures, sphere_volume,
+};
 
 /// The shape of a grain, with its template by number.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,12 +21,75 @@ pub enum Solid {
 }
 
 impl Solid {
+    /// A polyhedron by the index of its template.
+    #[must_use]
+    pub fn of_template(template: u32, d_mm: f64) -> Self {
+        Self::Polyhedron { template, d_mm }
+    }
+
+    /// What it is called.
+    #[must_use]
+    pub fn noun(&self) -> &'static str {
+        match self {
+            Self::Ellipsoid(_) => "ellipsoid",
+            Self::Polyhedron { .. } => "polyhedron",
+        }
+    }
+
     /// Diameter of the sphere of equal volume in mm.
     #[must_use]
     pub fn d_mm(&self) -> f64 {
         match self {
             Self::Ellipsoid(ellipsoid) => ellipsoid.equivalent_diameter_mm(),
             Self::Polyhedron { d_mm, .. } => *d_mm,
+        }
+    }
+
+    /// Volume in mm³; of a polyhedron by its diameter.
+    #[must_use]
+    pub fn volume_mm3(&self) -> f64 {
+        match self {
+            Self::Ellipsoid(ellipsoid) => ellipsoid.volume_mm3(),
+            Self::Polyhedron { d_mm, .. } => sphere_volume(*d_mm),
+        }
+    }
+
+    /// Volume in mm³ of all points within a distance of the grain, which must not be negative. `templates` are the
+    /// parallel bodies of the templates.
+    #[must_use]
+    pub fn coated_volume_mm3(&self, distance_mm: f64, templates: &[ParallelBody]) -> f64 {
+        match self {
+            Self::Ellipsoid(ellipsoid) if distance_mm > 0.0 => {
+                ParallelBody::from(ellipsoid).volume_at(distance_mm)
+            }
+            Self::Ellipsoid(ellipsoid) => ellipsoid.volume_mm3(),
+            Self::Polyhedron { template, d_mm } => {
+                templates[*template as usize].scaled(*d_mm).volume_at(distance_mm)
+            }
+        }
+    }
+
+    /// The shape with all lengths multiplied. A factor that leaves no shape, which no packing has, changes nothing.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        match *self {
+            Self::Ellipsoid(ellipsoid) => Self::Ellipsoid(ellipsoid.scaled(factor).unwrap_or(ellipsoid)),
+            Self::Polyhedron { template, d_mm } => Self::Polyhedron { template, d_mm: d_mm * factor },
+        }
+    }
+
+    /// Whether all numbers are those of another shape, to the last bit.
+    #[must_use]
+    pub fn has_bits_of(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Ellipsoid(one), Self::Ellipsoid(other)) => {
+                let bits = |of: &Ellipsoid| of.semi_axes_mm().map(f64::to_bits);
+                bits(one) == bits(other)
+            }
+            (Self::Polyhedron { template: one, d_mm }, Self::Polyhedron { template, d_mm: other_mm }) => {
+                one == template && d_mm.to_bits() == other_mm.to_bits()
+            }
+            _ => false,
         }
     }
 
@@ -50,10 +115,10 @@ impl Solid {
     #[must_use]
     pub fn of(self, templates: &[Polyhedron]) -> Option<SolidRef<'_>> {
         Some(match self {
-            Self::Ellipsoid(ellipsoid) => SolidRef::Ellipsoid(ellipsoid),
+            Self::Ellipsoid(ellipsoid) => ellipsoid.into(),
             Self::Polyhedron { template, d_mm } => {
                 let template = templates.get(template as usize)?;
-                SolidRef::Polyhedron(ScaledPolyhedron { template, scale_mm: d_mm })
+                ScaledPolyhedron { template, scale_mm: d_mm }.into()
             }
         })
     }
@@ -148,6 +213,26 @@ impl<'a> SolidRef<'a> {
         match self {
             Self::Ellipsoid(ellipsoid) => ellipsoid.semi_axes_mm().x,
             Self::Polyhedron(polyhedron) => polyhedron.template.outer_radius() * polyhedron.scale_mm,
+        }
+    }
+
+    /// Elongation and flatness; of a polyhedron those of the ellipsoid of equal inertia ([`Polyhedron::form`]).
+    #[must_use]
+    pub fn form(&self) -> Form {
+        match self {
+            Self::Ellipsoid(ellipsoid) => ellipsoid.form(),
+            Self::Polyhedron(polyhedron) => polyhedron.template.form(),
+        }
+    }
+
+    /// All figures of the shape. Those of a polyhedron are the template's times the scale.
+    #[must_use]
+    pub fn figures(&self) -> ShapeFigures {
+        match self {
+            Self::Ellipsoid(ellipsoid) => ellipsoid.into(),
+            Self::Polyhedron(polyhedron) => {
+                ShapeFigures::from(polyhedron.template).scaled(polyhedron.scale_mm)
+            }
         }
     }
 

@@ -27,7 +27,7 @@ pub use walls::{WallFigures, WallLayer};
 use crate::control::{Control, Part, Progress, Step};
 use crate::memory::OutOfMemory;
 use crate::packing::{GrainsRef, Spheres};
-use crate::request::{GrainKind, Specimen};
+use crate::request::Specimen;
 
 /// Grains between two looks at whether to stop: about a millisecond.
 const GRAINS_PER_LOOK: usize = 512;
@@ -109,7 +109,7 @@ pub fn quality<'a>(
         blocks: blocks::blocks(&spheres, &classes, specimen, &part(0.1, 0.2))?,
         classes,
     };
-    if grains.kind() == GrainKind::Spheres && spheres.len() > 1 {
+    if grains.spheres().is_some() && spheres.len() > 1 {
         let near = near::Near::new(&spheres, specimen)?;
         report.gaps = contacts::gaps(&near, &part(0.25, 0.45))?;
         if let Some(gaps) = &report.gaps {

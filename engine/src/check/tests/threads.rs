@@ -30,10 +30,8 @@ fn found(grains: &Grains, request: &PackingRequest, control: &dyn Control) -> Ve
         .iter()
         .map(|&threads| {
             let threads = NonZeroUsize::new(threads).unwrap();
-            match grains {
-                Grains::Spheres(spheres) => check_with(spheres, request, threads, control),
-                Grains::Solids(solids) => check_solids(solids, request, threads, control),
-            }
+            let known = &SieveSizes::default();
+            check_grains(grains, request, Extent::WHOLE, Scope::All, known, threads, control)
         })
         .collect()
 }

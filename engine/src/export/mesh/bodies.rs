@@ -24,9 +24,9 @@ use crate::gap::linear::{Vector, cross, dot, norm, scaled};
 use crate::gap::solids;
 use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
-use crate::packing::{GrainsRef, Solids, Spheres};
+use crate::packing::{GrainsRef, Spheres};
 use crate::request::Specimen;
-use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron, SolidRef};
+use crate::shape::{Ellipsoid, Pose, ScaledPolyhedron};
 
 /// Share by which images are smaller, so that rounding brings no vertex out of its ellipsoid.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
@@ -46,9 +46,11 @@ pub(super) struct MeshModel<'a> {
 
 /// The grains of a packing.
 #[derive(Debug)]
-pub(super) enum Bodies<'a> {
-    Spheres(&'a Spheres),
-    Solids { grains: &'a Solids, bodies: Vec<solids::Body<'a>>, templates: Vec<Convex> },
+pub(super) struct Bodies<'a> {
+    grains: GrainsRef<'a>,
+    /// Of every grain, or of none where all are spheres.
+    solids: Vec<solids::Body<'a>>,
+    templates: Vec<Convex>,
 }
 
 /// A polyhedron of a packing.
@@ -126,57 +128,43 @@ impl<'a> MeshModel<'a> {
 
 impl<'a> Bodies<'a> {
     fn new(grains: GrainsRef<'a>) -> Result<Self, OutOfMemory> {
-        Ok(match grains {
-            GrainsRef::Spheres(spheres) => Self::Spheres(spheres),
-            GrainsRef::Solids(grains) => Self::Solids {
-                grains,
-                bodies: collected(grains.iter().map(|(shape, pose)| solids::Body::new(shape, pose)))?,
-                templates: Convex::all(&grains.templates),
-            },
-        })
+        let solids = match grains.solids() {
+            None => Vec::new(),
+            Some(solids) => collected(solids.iter().map(|(shape, pose)| solids::Body::new(shape, pose)))?,
+        };
+        Ok(Self { grains, solids, templates: Convex::all(grains.templates()) })
     }
 
-    fn grains(&self) -> GrainsRef<'a> {
-        match *self {
-            Self::Spheres(spheres) => GrainsRef::Spheres(spheres),
-            Self::Solids { grains, .. } => GrainsRef::Solids(grains),
-        }
+    /// The spheres, where all are spheres.
+    pub(super) fn spheres(&self) -> Option<&'a Spheres> {
+        self.grains.spheres()
     }
 
     pub(super) fn len(&self) -> usize {
-        self.grains().len()
+        self.grains.len()
     }
 
     pub(super) fn center(&self, row: usize) -> Vector {
-        self.grains().center_mm(row)
+        self.grains.center_mm(row)
     }
 
     /// Diameter of the sphere of equal volume.
     pub(super) fn diameter(&self, row: usize) -> f64 {
-        self.grains().d_mm(row)
+        self.grains.d_mm(row)
     }
 
     /// An ellipsoid and its body.
     pub(super) fn ellipsoid(&self, row: usize) -> Option<(&Ellipsoid, &Pose, &Body)> {
-        match self {
-            Self::Spheres(_) => None,
-            Self::Solids { grains, bodies, .. } => {
-                Some((grains.shapes[row].ellipsoid()?, &grains.poses[row], bodies[row].ellipsoid()?))
-            }
-        }
+        let solids = self.grains.solids()?;
+        Some((solids.shapes[row].ellipsoid()?, &solids.poses[row], self.solids[row].ellipsoid()?))
     }
 
     /// A polyhedron.
     pub(super) fn polyhedron(&self, row: usize) -> Option<PlacedPolyhedron<'_>> {
-        match self {
-            Self::Spheres(_) => None,
-            Self::Solids { grains, templates, .. } => {
-                let SolidRef::Polyhedron(shape) = grains.shape(row) else { return None };
-                let number = grains.shapes[row].template()?;
-                let template = &templates[number as usize];
-                Some(PlacedPolyhedron { shape, pose: &grains.poses[row], number, template })
-            }
-        }
+        let solids = self.grains.solids()?;
+        let (shape, number) = (solids.shape(row).polyhedron()?, self.grains.template(row)?);
+        let template = &self.templates[number as usize];
+        Some(PlacedPolyhedron { shape, pose: &solids.poses[row], number, template })
     }
 
     /// The same of all grains.
@@ -185,29 +173,24 @@ impl<'a> Bodies<'a> {
     }
 
     pub(super) fn volume_mm3(&self, row: usize) -> f64 {
-        match self {
-            Self::Spheres(spheres) => PI / 6.0 * spheres.d_mm[row].powi(3),
-            Self::Solids { grains, .. } => grains.shape(row).volume_mm3(),
+        match self.grains.solids() {
+            None => PI / 6.0 * self.diameter(row).powi(3),
+            Some(solids) => solids.shape(row).volume_mm3(),
         }
     }
 
     /// Radius of the smallest sphere around a grain.
     pub(super) fn outer(&self, row: usize) -> f64 {
-        match self {
-            Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
-            Self::Solids { bodies, .. } => bodies[row].outer_mm(),
-        }
+        self.solids.get(row).map_or_else(|| self.diameter(row) / 2.0, solids::Body::outer_mm)
     }
 
     /// How far along a wall at that gap a grain lies within a reach of it.
     pub(super) fn along(&self, row: usize, gap: f64, reach: f64) -> f64 {
         // No grain reaches beyond the ball of its largest radius of curvature that touches it from around.
-        let flattest = match self {
-            Self::Spheres(spheres) => spheres.d_mm[row] / 2.0,
-            Self::Solids { bodies, .. } => match &bodies[row] {
-                solids::Body::Ellipsoid(body) => body.outer_mm * (body.outer_mm / body.inner_mm),
-                solids::Body::Polyhedron(body) => return 2.0 * body.outer_mm,
-            },
+        let flattest = match self.solids.get(row) {
+            None => self.diameter(row) / 2.0,
+            Some(solids::Body::Ellipsoid(body)) => body.outer_mm * (body.outer_mm / body.inner_mm),
+            Some(solids::Body::Polyhedron(body)) => return 2.0 * body.outer_mm,
         };
         ((flattest + reach).powi(2) - (flattest + gap).powi(2)).max(0.0).sqrt()
     }
@@ -254,23 +237,19 @@ impl<'a> Bodies<'a> {
     /// The gap to another grain and the unit vector towards it, given the gap of the spheres around both. Both grains
     /// of a pair get the same numbers.
     pub(super) fn facing(&self, row: usize, other: usize, of_spheres: f64) -> Between {
-        match self {
-            Self::Spheres(spheres) => {
-                let (center, theirs) = (spheres.center(row), spheres.center(other));
-                let toward = sphere::unit(arrays::from_fn(|a| theirs[a] - center[a]));
-                Between { gap: of_spheres, toward, own: None }
-            }
-            Self::Solids { bodies, .. } => {
-                let contact = bodies[row.min(other)].contact(&bodies[row.max(other)]);
-                let (toward, own) = if row < other {
-                    (contact.normal, contact.points_mm[0])
-                } else {
-                    (-contact.normal, contact.points_mm[1])
-                };
-                let own = bodies[row].ellipsoid().is_none().then(|| own.into());
-                Between { gap: contact.gap_mm, toward: toward.into(), own }
-            }
-        }
+        let Some(body) = self.solids.get(row) else {
+            let (center, theirs) = (self.center(row), self.center(other));
+            let toward = sphere::unit(arrays::from_fn(|a| theirs[a] - center[a]));
+            return Between { gap: of_spheres, toward, own: None };
+        };
+        let contact = self.solids[row.min(other)].contact(&self.solids[row.max(other)]);
+        let (toward, own) = if row < other {
+            (contact.normal, contact.points_mm[0])
+        } else {
+            (-contact.normal, contact.points_mm[1])
+        };
+        let own = body.ellipsoid().is_none().then(|| own.into());
+        Between { gap: contact.gap_mm, toward: toward.into(), own }
     }
 
     /// A grain at a wall, given the point of that nearest to its centre.
@@ -317,12 +296,11 @@ impl<'a> Bodies<'a> {
     /// How a grain lies against another one, or a wall that is taken as flat, in that direction.
     pub(super) fn contact(&self, row: usize, other: Option<usize>, toward: Vector) -> Contact {
         let Some((shape, pose, body)) = self.ellipsoid(row) else {
-            let bend = match self {
-                Self::Solids { bodies, .. } => 1.0 / bodies[row].outer_mm(),
-                Self::Spheres(spheres) => {
-                    let curvature = |row: usize| 1.0 / (spheres.d_mm[row] / 2.0);
-                    (curvature(row) + other.map_or(0.0, curvature)) / 2.0
-                }
+            let bend = if let Some(body) = self.solids.get(row) {
+                1.0 / body.outer_mm()
+            } else {
+                let curvature = |row: usize| 1.0 / (self.diameter(row) / 2.0);
+                (curvature(row) + other.map_or(0.0, curvature)) / 2.0
             };
             return Contact { bend, stretch: 1.0, aspect: 1.0 };
         };

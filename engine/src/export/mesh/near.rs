@@ -18,7 +18,7 @@ impl Near {
     /// Sorts the grains; they lie between 0 and `bounds`.
     pub(super) fn new(bodies: &Bodies<'_>, bounds: [f64; 3]) -> Result<Self, OutOfMemory> {
         let mut around = Spheres::default();
-        let spheres = if let Bodies::Spheres(spheres) = bodies {
+        let spheres = if let Some(spheres) = bodies.spheres() {
             spheres
         } else {
             (0..bodies.len()).for_each(|row| around.push(bodies.center(row), 2.0 * bodies.outer(row)));

@@ -1,13 +1,12 @@
 //! The cut itself: its outline and the sections of the grains.
 
-use super::{Axis, Figure, SliceReport};
+use super::{Axis, Figure, FigureKind, SliceReport};
 use crate::arrays::Each as _;
 use crate::domain::Outline;
 use crate::export::Model;
 use crate::geometry::images::Images;
 use crate::grain::{Grain as _, PlacedGrains};
 use crate::memory::OutOfMemory;
-use crate::request::GrainKind;
 
 /// A grain's section.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,9 +38,8 @@ pub struct Cut {
     pub periodic: bool,
     /// Whether edges of a rectangular outline along u are part of a cylinder's lateral surface.
     pub lateral: bool,
-    /// What the grains are: spheres, whose sections are circles, ellipsoids with ellipses, polyhedra with polygons, or
-    /// both.
-    pub kind: GrainKind,
+    /// What the sections are, by the kinds of the grains.
+    pub kinds: Vec<FigureKind>,
     /// The sections, in the order of their grains.
     pub sections: Vec<Section>,
 }
@@ -62,7 +60,7 @@ impl Cut {
             outline: domain.outline(axis.index(), at_mm),
             periodic,
             lateral: domain.lateral().is_some() && axis != Axis::Z,
-            kind: model.grains.kind(),
+            kinds: FigureKind::of_grains(model.grains.kind()),
             sections: Vec::new(),
         };
         let grains = PlacedGrains::new(model.grains)?;
@@ -113,12 +111,15 @@ impl Cut {
 
     /// What sections are called.
     pub(super) fn noun(&self) -> &'static str {
-        match self.kind {
-            GrainKind::Spheres => "circles",
-            GrainKind::Ellipsoids => "ellipses",
-            GrainKind::Polyhedra => "polygons",
-            GrainKind::Mixed => "ellipses and polygons",
+        match self.kinds[..] {
+            [kind] => kind.noun(),
+            _ => "ellipses and polygons",
         }
+    }
+
+    /// The sections of a kind.
+    pub(super) fn of_kind(&self, kind: FigureKind) -> impl Iterator<Item = &Section> {
+        self.sections.iter().filter(move |section| section.figure.kind() == kind)
     }
 
     /// Area of the sections inside the outline.
@@ -129,22 +130,16 @@ impl Cut {
 
     pub(super) fn report(&self) -> SliceReport {
         let (area_mm2, aggregate_area_mm2) = (self.outline.area_mm2(), self.aggregate_area_mm2());
-        let count = |kind: GrainKind, of: fn(&Figure) -> bool| {
-            let is_of_kind =
-                self.kind == kind || (self.kind == GrainKind::Mixed && kind != GrainKind::Spheres);
-            let found = || self.sections.iter().filter(|section| of(&section.figure)).count() as u64;
-            is_of_kind.then(found)
-        };
+        let count = |kind: FigureKind| self.kinds.contains(&kind).then(|| self.of_kind(kind).count() as u64);
         SliceReport {
             axis: self.axis,
             at_mm: self.at_mm,
             plane: self.axis.plane(),
             outline: self.outline,
             area_mm2,
-            circle_count: count(GrainKind::Spheres, |figure| matches!(figure, Figure::Circle { .. }))
-                .unwrap_or(0),
-            ellipse_count: count(GrainKind::Ellipsoids, |figure| matches!(figure, Figure::Ellipse(_))),
-            polygon_count: count(GrainKind::Polyhedra, |figure| matches!(figure, Figure::Polygon(_))),
+            circle_count: count(FigureKind::Circle).unwrap_or(0),
+            ellipse_count: count(FigureKind::Ellipse),
+            polygon_count: count(FigureKind::Polygon),
             aggregate_area_mm2,
             area_fraction: aggregate_area_mm2 / area_mm2,
             image: None,

@@ -12,12 +12,11 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
-use super::{Cut, Figure, Outline, Section};
+use super::{Cut, Figure, FigureKind, Outline, Section};
 use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
 use crate::export::groups::AggregateGroups;
 use crate::gap::ellipsoids::Body;
-use crate::request::GrainKind;
 use crate::sorting;
 
 /// Elements along the circumference of a circle; the user of the script may say otherwise.
@@ -104,10 +103,9 @@ pub(super) fn write(
         noun = cut.noun(),
         size = sizes.longest_mm,
     )?;
-    if matches!(cut.kind, GrainKind::Ellipsoids | GrainKind::Mixed) {
+    if cut.kinds.contains(&FigureKind::Ellipse) {
         out.write_all(ELLIPSE_AS_POLYGON.as_bytes())?;
-    }
-    if cut.kind == GrainKind::Polyhedra {
+    } else if cut.kinds.contains(&FigureKind::Polygon) {
         writeln!(out, "itz() = {{}};")?;
     }
     if cut.sections.iter().any(|section| section.clipped) {
@@ -228,9 +226,9 @@ fn with_holes(cut: &Cut, sizes: Sizes, groups: &AggregateGroups<'_>, out: &mut d
         return writeln!(out, "Plane Surface(1) = {{1}};\nPhysical Surface(\"matrix\") = {{1}};");
     }
     let (last_grain, last_circle) = (FIRST_GRAIN + n - 1, FIRST_CIRCLE + n - 1);
-    let itz = match cut.kind {
-        GrainKind::Spheres => format!("{FIRST_CIRCLE}:{last_circle}"),
-        GrainKind::Ellipsoids | GrainKind::Polyhedra | GrainKind::Mixed => "itz()".to_owned(),
+    let itz = match cut.kinds[..] {
+        [FigureKind::Circle] => format!("{FIRST_CIRCLE}:{last_circle}"),
+        _ => "itz()".to_owned(),
     };
     writeln!(
         out,
@@ -333,7 +331,7 @@ fn edges(cut: &Cut, out: &mut dyn Write) -> io::Result<()> {
 fn most_radii(cut: &Cut) -> Vec<f64> {
     let sections = &cut.sections;
     // Polygons have their area as they are.
-    if cut.kind == GrainKind::Polyhedra {
+    if cut.kinds == [FigureKind::Polygon] {
         return vec![0.0; sections.len()];
     }
     let mut order: Vec<usize> = (0..sections.len()).collect();

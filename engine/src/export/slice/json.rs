@@ -2,8 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::{Cut, Figure, SliceReport};
-use crate::request::GrainKind;
+use super::{Cut, Figure, FigureKind, SliceReport};
 
 /// Names of the columns of circles.
 const CIRCLE: [&str; 6] = ["u_mm", "v_mm", "radius_mm", "grain", "diameter_mm", "area_mm2"];
@@ -35,31 +34,23 @@ impl SliceDocument<'_> {
         // The object is opened again for the table, whose rows are written as they come.
         head.pop();
         out.write_all(&head)?;
-        let kind = self.cut.kind;
-        if kind == GrainKind::Spheres {
-            self.write_table("circles", &CIRCLE, |figure| matches!(figure, Figure::Circle { .. }), out)?;
-        }
-        if matches!(kind, GrainKind::Ellipsoids | GrainKind::Mixed) {
-            self.write_table("ellipses", &ELLIPSE, |figure| matches!(figure, Figure::Ellipse(_)), out)?;
-        }
-        if matches!(kind, GrainKind::Polyhedra | GrainKind::Mixed) {
-            self.write_table("polygons", &POLYGON, |figure| matches!(figure, Figure::Polygon(_)), out)?;
+        for kind in &self.cut.kinds {
+            self.write_table(*kind, out)?;
         }
         out.write_all(b"}\n")
     }
 
     /// Writes the table of the sections of a kind.
-    fn write_table(
-        self,
-        name: &str,
-        columns: &[&str],
-        is_of_table: fn(&Figure) -> bool,
-        out: &mut dyn Write,
-    ) -> io::Result<()> {
+    fn write_table(self, kind: FigureKind, out: &mut dyn Write) -> io::Result<()> {
+        let columns: &[&str] = match kind {
+            FigureKind::Circle => &CIRCLE,
+            FigureKind::Ellipse => &ELLIPSE,
+            FigureKind::Polygon => &POLYGON,
+        };
+        let name = kind.noun();
         write!(out, ",\"{name}\":{{\"columns\":{},\"rows\":[", serde_json::to_string(columns)?)?;
         let mut digits = zmij::Buffer::new();
-        let sections = self.cut.sections.iter().filter(|section| is_of_table(&section.figure));
-        for (i, section) in sections.enumerate() {
+        for (i, section) in self.cut.of_kind(kind).enumerate() {
             out.write_all(if i == 0 { b"\n[" } else { b",\n[" })?;
             let [u, v] = section.center_mm;
             match &section.figure {

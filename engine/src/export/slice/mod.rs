@@ -18,7 +18,7 @@ use std::io::{BufWriter, Write};
 use serde::{Deserialize, Serialize};
 
 pub use crate::domain::Outline;
-pub use crate::grain::figure::{Ellipse, Figure, Polygon, TOLERANCE};
+pub use crate::grain::figure::{Ellipse, Figure, FigureKind, Polygon, TOLERANCE};
 pub use cut::{Cut, Section};
 pub use json::SliceDocument;
 pub(super) use triangles::mesh_of;
@@ -386,7 +386,7 @@ pub(super) fn expected_bytes(
         let size_mm = options.axis.plane().each(|axis| bounds[axis.index()]);
         return triangles.expected_bytes(size_mm, sections);
     }
-    let (frame, per_circle, per_ellipse, per_polygon) = match options.format {
+    let (frame, circle, ellipse, polygon) = match options.format {
         SliceFormat::Svg => (1000.0, 45.0, 115.0, 550.0),
         SliceFormat::Json => (350.0, 105.0, 145.0, 1800.0),
         SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
@@ -398,12 +398,13 @@ pub(super) fn expected_bytes(
             return (0.1 * long * long * u.min(v) / u.max(v)) as u64 + 1000;
         }
     };
-    let per_section = match kind {
-        GrainKind::Spheres => per_circle,
-        GrainKind::Ellipsoids => per_ellipse,
-        GrainKind::Polyhedra => per_polygon,
-        GrainKind::Mixed => f64::midpoint(per_ellipse, per_polygon),
-    };
+    let kinds = FigureKind::of_grains(kind);
+    let bytes = kinds.iter().map(|kind| match kind {
+        FigureKind::Circle => circle,
+        FigureKind::Ellipse => ellipse,
+        FigureKind::Polygon => polygon,
+    });
+    let per_section = bytes.sum::<f64>() / kinds.len() as f64;
     (frame + per_section * sections) as u64
 }
 

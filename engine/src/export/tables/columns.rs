@@ -56,20 +56,39 @@ impl Column {
     /// template is -1, of a polyhedron the semi-axes are 0.
     pub const OF_BOTH: &'static [Self] = &BOTH;
 
-    /// The columns of all kinds of grains, without and with that of the aggregate.
-    const OF_KINDS: [(GrainKind, &'static [Self], &'static [Self]); 4] = [
-        (GrainKind::Spheres, Self::OF_SPHERES, &joined::<5>(&[&SPHERES, &[Self::Aggregate]])),
-        (GrainKind::Ellipsoids, Self::OF_ELLIPSOIDS, &joined::<13>(&[&ELLIPSOIDS, &[Self::Aggregate]])),
-        (GrainKind::Polyhedra, Self::OF_POLYHEDRA, &joined::<11>(&[&POLYHEDRA, &[Self::Aggregate]])),
-        (GrainKind::Mixed, Self::OF_BOTH, &joined::<14>(&[&BOTH, &[Self::Aggregate]])),
+    /// All tables: what they are about, and the columns, without and with that of the aggregate.
+    pub(super) const TABLES: [(&'static str, &'static [Self], &'static [Self]); 4] = [
+        ("Spheres.", Self::OF_SPHERES, &joined::<5>(&[&SPHERES, &[Self::Aggregate]])),
+        (
+            "Ellipsoids: centre, diameter of the sphere of equal volume, sieve size, orientation, semi-axes.",
+            Self::OF_ELLIPSOIDS,
+            &joined::<13>(&[&ELLIPSOIDS, &[Self::Aggregate]]),
+        ),
+        (
+            "Convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, index of the \
+             template.",
+            Self::OF_POLYHEDRA,
+            &joined::<11>(&[&POLYHEDRA, &[Self::Aggregate]]),
+        ),
+        (
+            "Ellipsoids and convex polyhedra: centre, diameter of the sphere of equal volume, sieve size, orientation, \
+             semi-axes (0 of polyhedra), index of the template (-1 of ellipsoids).",
+            Self::OF_BOTH,
+            &joined::<14>(&[&BOTH, &[Self::Aggregate]]),
+        ),
     ];
 
     /// The columns of a kind of grains, in the order of storage; of a mix of several aggregates that of the aggregate
     /// last.
     #[must_use]
     pub fn of(kind: GrainKind, has_aggregates: bool) -> &'static [Self] {
-        let of_kind = Self::OF_KINDS.into_iter().find(|of| of.0 == kind);
+        let of_kind = Self::TABLES.into_iter().find(|(_, plain, _)| Self::kind(plain) == kind);
         of_kind.map_or(Self::OF_SPHERES, |(_, plain, with)| if has_aggregates { with } else { plain })
+    }
+
+    /// The kind of grains that these columns describe.
+    pub(super) fn kind(columns: &[Self]) -> GrainKind {
+        GrainKind::of(columns.contains(&Self::A), columns.contains(&Self::Template))
     }
 
     /// Its name in tables.
@@ -99,10 +118,7 @@ impl Column {
         let has_names = |columns: &[Self]| {
             columns.iter().map(|column| column.name()).eq(names.iter().map(String::as_str))
         };
-        Self::OF_KINDS
-            .into_iter()
-            .flat_map(|(_, plain, with)| [plain, with])
-            .find(|columns| has_names(columns))
+        Self::TABLES.into_iter().flat_map(|(_, plain, with)| [plain, with]).find(|columns| has_names(columns))
     }
 
     /// Whether its values count something.
@@ -121,13 +137,9 @@ const ELLIPSOIDS: [Column; 12] = joined(&[&CENTER, &SIZES, &ORIENTATION, &SEMI_A
 const POLYHEDRA: [Column; 10] = joined(&[&CENTER, &SIZES, &ORIENTATION, &[Column::Template]]);
 const BOTH: [Column; 13] = joined(&[&CENTER, &SIZES, &ORIENTATION, &SEMI_AXES, &[Column::Template]]);
 
-/// What an ellipsoid is read from.
-pub(super) const ELLIPSOID_ROW: [Column; 10] = joined(&[&CENTER, &ORIENTATION, &SEMI_AXES]);
-/// What a polyhedron is read from.
-pub(super) const POLYHEDRON_ROW: [Column; 9] =
-    joined(&[&CENTER, &[Column::Diameter], &ORIENTATION, &[Column::Template]]);
-/// What a grain is read from where there are polyhedra and ellipsoids.
-pub(super) const MIXED_ROW: [Column; 12] = joined(&[&POLYHEDRON_ROW, &SEMI_AXES]);
+/// What a grain with an orientation is read from, as far as its table has these columns.
+pub(super) const BODY_ROW: [Column; 12] =
+    joined(&[&CENTER, &[Column::Diameter], &ORIENTATION, &SEMI_AXES, &[Column::Template]]);
 
 /// The columns of all groups, one after another.
 const fn joined<const N: usize>(groups: &[&[Column]]) -> [Column; N] {

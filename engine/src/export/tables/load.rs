@@ -2,14 +2,12 @@
 
 use std::io;
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::columns::{Column, ELLIPSOID_ROW, MIXED_ROW, POLYHEDRON_ROW};
-use super::source::{BLOCK_ROWS, GrainSource, OF_ELLIPSOID, for_each_block, for_each_rows};
-use crate::arrays::{self, Each as _};
+use super::columns::Column;
+use super::source::{BLOCK_ROWS, GrainSource, for_each_block, for_each_body};
 use crate::memory::{filled, reserved};
 use crate::packing::{Grains, Solids, Spheres};
-use crate::request::GrainKind;
 use crate::shape::{Ellipsoid, Pose, Solid};
 use crate::sorting;
 
@@ -20,13 +18,9 @@ pub(super) fn invalid(what: String) -> io::Error {
 
 /// Memory that the grains of a result take, in bytes: 32 a sphere, 88 another grain, and 2 for the aggregate of each.
 pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
-    let bytes = match source.kind() {
-        GrainKind::Spheres => 4 * size_of::<f64>(),
-        GrainKind::Ellipsoids | GrainKind::Polyhedra | GrainKind::Mixed => {
-            size_of::<Solid>() + size_of::<Pose>()
-        }
-    };
-    let bytes = if source.has_aggregates() { bytes + size_of::<u16>() } else { bytes };
+    let has_orientations = source.has(Column::Qw);
+    let bytes = if has_orientations { size_of::<Solid>() + size_of::<Pose>() } else { 4 * size_of::<f64>() };
+    let bytes = if source.has(Column::Aggregate) { bytes + size_of::<u16>() } else { bytes };
     (source.len() as u64).saturating_mul(bytes as u64)
 }
 
@@ -36,35 +30,31 @@ pub fn loaded_bytes(source: &dyn GrainSource) -> u64 {
 /// Those of the source, [`io::ErrorKind::OutOfMemory`], and [`io::ErrorKind::InvalidData`] for a grain with a
 /// coordinate that is no number, without a positive size, without an orientation, or without its template.
 pub fn load(source: &dyn GrainSource) -> io::Result<Grains> {
+    let aggregate = load_aggregate(source)?;
+    if source.has(Column::Qw) {
+        return Ok(Solids { aggregate, ..load_bodies(source)? }.into());
+    }
     let column = |column| -> io::Result<Vec<f64>> {
         let mut values = filled(source.len(), 0.0)?;
         source.read(column, 0, &mut values)?;
         Ok(values)
     };
-    let aggregate = load_aggregate(source)?;
-    let solids = match source.kind() {
-        GrainKind::Spheres => {
-            let spheres = Spheres {
-                x_mm: column(Column::X)?,
-                y_mm: column(Column::Y)?,
-                z_mm: column(Column::Z)?,
-                d_mm: column(Column::Diameter)?,
-                aggregate,
-            };
-            for (grain, &d_mm) in spheres.d_mm.iter().enumerate() {
-                judge_numbers(grain, spheres.center(grain), d_mm)?;
-            }
-            return Ok(Grains::Spheres(spheres));
-        }
-        GrainKind::Ellipsoids => load_ellipsoids(source)?,
-        GrainKind::Polyhedra | GrainKind::Mixed => load_polyhedra(source)?,
+    let spheres = Spheres {
+        x_mm: column(Column::X)?,
+        y_mm: column(Column::Y)?,
+        z_mm: column(Column::Z)?,
+        d_mm: column(Column::Diameter)?,
+        aggregate,
     };
-    Ok(Grains::Solids(Solids { aggregate, ..solids }))
+    for (grain, &d_mm) in spheres.d_mm.iter().enumerate() {
+        judge_numbers(grain, spheres.center(grain), d_mm)?;
+    }
+    Ok(spheres.into())
 }
 
 /// Reads the column of aggregates; none where there is no such column.
 fn load_aggregate(source: &dyn GrainSource) -> io::Result<Vec<u16>> {
-    if !source.has_aggregates() {
+    if !source.has(Column::Aggregate) {
         return Ok(Vec::new());
     }
     let mut aggregate = reserved(source.len())?;
@@ -80,27 +70,41 @@ fn load_aggregate(source: &dyn GrainSource) -> io::Result<Vec<u16>> {
     Ok(aggregate)
 }
 
-/// Reads ellipsoids.
-fn load_ellipsoids(source: &dyn GrainSource) -> io::Result<Solids> {
+/// Reads grains with orientations; the numbers of the source stay as they are.
+fn load_bodies(source: &dyn GrainSource) -> io::Result<Solids> {
     let rows = source.len();
-    let mut grains = Solids { shapes: reserved(rows)?, poses: reserved(rows)?, ..Solids::default() };
-    for_each_block(source, ELLIPSOID_ROW, |columns| {
-        for row in 0..columns[0].len() {
-            let [x, y, z, w, i, j, k, a, b, c] = columns.each(|column| column[row]);
-            let grain = grains.shapes.len();
-            let shape = Ellipsoid::new([a, b, c]).ok_or_else(|| no_semi_axes(grain))?;
-            judge_numbers(grain, [x, y, z], shape.equivalent_diameter_mm())?;
-            grains.shapes.push(shape.into());
-            let orientation = orientation(grain, [w, i, j, k])?;
-            grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
-        }
+    let templates = source.templates().to_vec();
+    let mut grains =
+        Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)?, aggregate: Vec::new() };
+    let templates = grains.templates.len();
+    for_each_body(source, &mut |row| {
+        let grain = grains.len();
+        let (shape, d_mm) = match row.template {
+            None => {
+                let ellipsoid = Ellipsoid::new(row.semi_axes_mm).ok_or_else(|| {
+                    invalid(format!("the semi-axes of grain {grain} are not positive numbers"))
+                })?;
+                // Where all grains have semi-axes, no diameter is read.
+                let d_mm =
+                    if source.has(Column::Template) { row.d_mm } else { ellipsoid.equivalent_diameter_mm() };
+                (ellipsoid.into(), d_mm)
+            }
+            Some(template) if template >= 0.0 && template.fract() == 0.0 && template < templates as f64 => {
+                (Solid::of_template(template as u32, row.d_mm), row.d_mm)
+            }
+            Some(template) => {
+                return Err(invalid(format!(
+                    "grain {grain} has the template {template}, and there are {templates}, counted from 0"
+                )));
+            }
+        };
+        judge_numbers(grain, row.center_mm, d_mm)?;
+        let orientation = orientation(grain, row.quaternion)?;
+        grains.shapes.push(shape);
+        grains.poses.push(Pose { center_mm: row.center_mm.into(), orientation });
         Ok(())
     })?;
     Ok(grains)
-}
-
-fn no_semi_axes(grain: usize) -> io::Error {
-    invalid(format!("the semi-axes of grain {grain} are not positive numbers"))
 }
 
 /// Refuses a centre or a diameter that are no numbers.
@@ -186,46 +190,5 @@ pub fn difference(
 /// By how much a diameter may exceed that of the grain before: equivalent diameters are rounded.
 const ORDER_TOLERANCE: f64 = 1.0e-9;
 
-/// Reads polyhedra, and ellipsoids among them; the numbers of the source stay as they are.
-fn load_polyhedra(source: &dyn GrainSource) -> io::Result<Solids> {
-    let rows = source.len();
-    let templates = source.templates().to_vec();
-    let mut grains =
-        Solids { templates, shapes: reserved(rows)?, poses: reserved(rows)?, aggregate: Vec::new() };
-    let templates = grains.templates.len();
-    for_each_rows(source, angular_row(source), &mut |columns| {
-        for row in 0..columns[0].len() {
-            let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
-            let grain = grains.len();
-            let fault = |what: String| Err(invalid(format!("grain {grain} {what}")));
-            let semi_axes = columns.get(POLYHEDRON_ROW.len()..).filter(|axes| axes.len() == 3);
-            let semi_axes = semi_axes.filter(|_| template == OF_ELLIPSOID);
-            let ellipsoid = match semi_axes.map(|axes| Ellipsoid::new([0, 1, 2].each(|k| axes[k][row]))) {
-                Some(None) => return Err(no_semi_axes(grain)),
-                Some(found) => found,
-                None => None,
-            };
-            let is_template = template >= 0.0 && template.fract() == 0.0 && template < templates as f64;
-            if !is_template && ellipsoid.is_none() {
-                return fault(format!(
-                    "has the template {template}, and there are {templates}, counted from 0"
-                ));
-            }
-            judge_numbers(grain, [x, y, z], d)?;
-            let orientation = orientation(grain, [w, i, j, k])?;
-            let polyhedron = || Solid::Polyhedron { template: template as u32, d_mm: d };
-            grains.shapes.push(ellipsoid.map_or_else(polyhedron, Solid::Ellipsoid));
-            grains.poses.push(Pose { center_mm: Vector3::new(x, y, z), orientation });
-        }
-        Ok(())
-    })?;
-    Ok(grains)
-}
-
 /// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
-
-/// What a grain of a result with polyhedra is read from: the semi-axes come last, where there are ellipsoids too.
-pub(super) fn angular_row(source: &dyn GrainSource) -> &'static [Column] {
-    if source.kind() == GrainKind::Mixed { &MIXED_ROW } else { &POLYHEDRON_ROW }
-}

@@ -17,7 +17,6 @@ mod vtk;
 
 use std::io::{self, Write};
 
-use crate::request::GrainKind;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -142,11 +141,12 @@ impl EngineInfo {
 /// # Errors
 /// Those of the writer and of the source.
 pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
+    // Where there are templates, grains are written as surfaces.
     match format {
         Format::Json => text::write_json(head, GrainTable(grains), out),
         Format::Csv => text::write_csv(grains, out),
-        Format::Vtk if has_polyhedra(grains) => surfaces::write_legacy(head, grains, out),
-        Format::Vtp if has_polyhedra(grains) => surfaces::write_xml(head, grains, out),
+        Format::Vtk if grains.has(Column::Template) => surfaces::write_legacy(head, grains, out),
+        Format::Vtp if grains.has(Column::Template) => surfaces::write_xml(head, grains, out),
         Format::Vtk => vtk::write_legacy(head, grains, out),
         Format::Vtp => vtk::write_xml(head, grains, out),
         Format::Npy => npy::write(grains, out),
@@ -154,16 +154,11 @@ pub fn write(format: Format, head: &Head, grains: &dyn GrainSource, out: &mut dy
     }
 }
 
-/// Whether there are polyhedra among the grains, which are written as surfaces.
-fn has_polyhedra(grains: &dyn GrainSource) -> bool {
-    grains.columns().contains(&Column::Template)
-}
-
 /// The column whose value the grading curve classifies: the diameter of spheres; of other grains the sieve size, unless
 /// the mix says that its sizes are equivalent diameters.
 pub fn nominal_size(head: &Head, grains: &dyn GrainSource) -> Column {
     let is_equivalent = head.request["mix"]["size"] == "equivalent";
-    if is_equivalent || grains.kind() == GrainKind::Spheres { Column::Diameter } else { Column::Sieve }
+    if is_equivalent || !grains.has(Column::Sieve) { Column::Diameter } else { Column::Sieve }
 }
 
 /// Number of bytes that [`write()`] writes. Text has to be made to be measured; it is thrown away.
@@ -176,7 +171,7 @@ pub fn length(format: Format, head: &Head, grains: &dyn GrainSource) -> io::Resu
         Format::View => return Ok(view::length(grains)),
         Format::Json | Format::Csv => write(format, head, grains, &mut counter)?,
         // That of polyhedra as surfaces depends on the templates of the grains.
-        Format::Vtk | Format::Vtp if has_polyhedra(grains) => {
+        Format::Vtk | Format::Vtp if grains.has(Column::Template) => {
             write(format, head, grains, &mut counter)?;
         }
         // The length of the binary forms does not depend on the values.

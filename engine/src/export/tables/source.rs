@@ -1,9 +1,10 @@
 //! Where the columns of a result come from: memory, or a file of the caller's.
 
 use std::io;
+use std::ops::Range;
 
-use super::columns::Column;
-use crate::arrays;
+use super::columns::{BODY_ROW, Column};
+use crate::arrays::{self, Each as _};
 use crate::packing::{Grains, GrainsRef, Solids, Spheres};
 use crate::request::GrainKind;
 use crate::shape::Polyhedron;
@@ -26,18 +27,12 @@ pub trait GrainSource {
 
     /// What the grains are.
     fn kind(&self) -> GrainKind {
-        let columns = self.columns();
-        match (columns.contains(&Column::Template), columns.contains(&Column::A)) {
-            (true, true) => GrainKind::Mixed,
-            (true, false) => GrainKind::Polyhedra,
-            (false, true) => GrainKind::Ellipsoids,
-            (false, false) => GrainKind::Spheres,
-        }
+        Column::kind(self.columns())
     }
 
-    /// Whether the grains are those of several aggregates.
-    fn has_aggregates(&self) -> bool {
-        self.columns().contains(&Column::Aggregate)
+    /// Whether there is this column.
+    fn has(&self, column: Column) -> bool {
+        self.columns().contains(&column)
     }
 
     /// What the column of templates refers to: polyhedra with an equivalent diameter of 1; none of other grains.
@@ -57,26 +52,8 @@ pub(super) fn no_column(column: Column) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, format!("there is no column {}", column.name()))
 }
 
-/// Reads rows of the column of aggregates.
-fn read_aggregate(aggregate: &[u16], start: usize, block: &mut [f64]) -> io::Result<()> {
-    let rows = aggregate.get(start..start + block.len()).ok_or_else(|| no_column(Column::Aggregate))?;
-    block.iter_mut().zip(rows).for_each(|(value, &index)| *value = f64::from(index));
-    Ok(())
-}
-
-impl GrainSource for Spheres {
-    fn len(&self) -> usize {
-        Self::len(self)
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        Column::of(GrainKind::Spheres, !self.aggregate.is_empty())
-    }
-
-    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        if column == Column::Aggregate {
-            return read_aggregate(&self.aggregate, start, block);
-        }
+impl Spheres {
+    fn read_rows(&self, column: Column, rows: Range<usize>, block: &mut [f64]) -> io::Result<()> {
         let all = match column {
             Column::X => &self.x_mm,
             Column::Y => &self.y_mm,
@@ -84,33 +61,18 @@ impl GrainSource for Spheres {
             Column::Diameter => &self.d_mm,
             other => return Err(no_column(other)),
         };
-        block.copy_from_slice(&all[start..start + block.len()]);
+        block.copy_from_slice(&all[rows]);
         Ok(())
     }
 }
 
-impl GrainSource for Solids {
-    fn len(&self) -> usize {
-        Self::len(self)
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        Column::of(Self::kind(self), !self.aggregate.is_empty())
-    }
-
-    fn templates(&self) -> &[Polyhedron] {
-        &self.templates
-    }
-
-    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        if column == Column::Aggregate {
-            return read_aggregate(&self.aggregate, start, block);
-        }
-        let of_kind = matches!(column, Column::A | Column::B | Column::C | Column::Template);
-        let is_mixed = of_kind && Self::kind(self) == GrainKind::Mixed;
-        // Where grains of the other kind have a column, these have a number in it too.
-        let absent = |number: f64| if is_mixed { Ok(number) } else { Err(no_column(column)) };
-        for (value, row) in block.iter_mut().zip(start..) {
+impl Solids {
+    fn read_rows(&self, column: Column, rows: Range<usize>, block: &mut [f64]) -> io::Result<()> {
+        // Where some grains have a column, all others have a number in it too.
+        let is_of_some = matches!(column, Column::A | Column::B | Column::C | Column::Template);
+        let has_column = is_of_some && self.has(column);
+        let absent = |number: f64| if has_column { Ok(number) } else { Err(no_column(column)) };
+        for (value, row) in block.iter_mut().zip(rows) {
             let (shape, pose) = (&self.shapes[row], &self.poses[row]);
             let q = pose.orientation.quaternion();
             let semi_axis =
@@ -138,34 +100,13 @@ impl GrainSource for Solids {
     }
 }
 
-impl GrainSource for Grains {
-    fn len(&self) -> usize {
-        Self::len(self)
-    }
-
-    fn columns(&self) -> &'static [Column] {
-        GrainsRef::from(self).columns()
-    }
-
-    fn templates(&self) -> &[Polyhedron] {
-        GrainsRef::from(self).templates()
-    }
-
-    fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
-        GrainsRef::from(self).read(column, start, block)
-    }
-}
-
 impl GrainSource for GrainsRef<'_> {
     fn len(&self) -> usize {
         Self::len(self)
     }
 
     fn columns(&self) -> &'static [Column] {
-        match self {
-            Self::Spheres(spheres) => spheres.columns(),
-            Self::Solids(solids) => solids.columns(),
-        }
+        Column::of(Self::kind(*self), !self.aggregate().is_empty())
     }
 
     fn templates(&self) -> &[Polyhedron] {
@@ -173,12 +114,43 @@ impl GrainSource for GrainsRef<'_> {
     }
 
     fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+        let rows = start..start + block.len();
+        if column == Column::Aggregate {
+            let aggregate = self.aggregate().get(rows).ok_or_else(|| no_column(column))?;
+            block.iter_mut().zip(aggregate).for_each(|(value, &index)| *value = f64::from(index));
+            return Ok(());
+        }
         match self {
-            Self::Spheres(spheres) => spheres.read(column, start, block),
-            Self::Solids(solids) => solids.read(column, start, block),
+            Self::Spheres(spheres) => spheres.read_rows(column, rows, block),
+            Self::Solids(solids) => solids.read_rows(column, rows, block),
         }
     }
 }
+
+/// The columns of grains, which are those of a reference to them.
+macro_rules! by_reference {
+    ($($grains:ty),*) => {$(
+        impl GrainSource for $grains {
+            fn len(&self) -> usize {
+                Self::len(self)
+            }
+
+            fn columns(&self) -> &'static [Column] {
+                GrainsRef::from(self).columns()
+            }
+
+            fn templates(&self) -> &[Polyhedron] {
+                GrainsRef::from(self).templates()
+            }
+
+            fn read(&self, column: Column, start: usize, block: &mut [f64]) -> io::Result<()> {
+                GrainsRef::from(self).read(column, start, block)
+            }
+        }
+    )*};
+}
+
+by_reference!(Spheres, Solids, Grains);
 
 /// Columns in memory, as they were read from a file.
 #[derive(Clone, Debug)]
@@ -290,4 +262,37 @@ pub(super) fn for_each_rows(
         start += rows;
     }
     Ok(())
+}
+
+/// What a row says of a grain with an orientation.
+pub(super) struct Body {
+    pub(super) center_mm: [f64; 3],
+    pub(super) d_mm: f64,
+    pub(super) quaternion: [f64; 4],
+    /// As long as its template is absent.
+    pub(super) semi_axes_mm: [f64; 3],
+    /// What the column of templates says; absent of an ellipsoid.
+    pub(super) template: Option<f64>,
+}
+
+/// Calls `visit` with the grains of a source with orientations, from the first to the last.
+pub(super) fn for_each_body(
+    grains: &dyn GrainSource,
+    visit: &mut dyn FnMut(&Body) -> io::Result<()>,
+) -> io::Result<()> {
+    let columns: Vec<Column> = BODY_ROW.into_iter().filter(|column| grains.has(*column)).collect();
+    let has_axes = grains.has(Column::A);
+    let template = columns.iter().position(|column| *column == Column::Template);
+    for_each_rows(grains, &columns, &mut |values| {
+        (0..values[0].len()).try_for_each(|row| {
+            let at = |column: usize| values[column][row];
+            visit(&Body {
+                center_mm: [0, 1, 2].each(at),
+                d_mm: at(3),
+                quaternion: [4, 5, 6, 7].each(at),
+                semi_axes_mm: if has_axes { [8, 9, 10].each(at) } else { [0.0; 3] },
+                template: template.map(at).filter(|template| !(has_axes && *template == OF_ELLIPSOID)),
+            })
+        })
+    })
 }

@@ -14,16 +14,15 @@ use std::io::{self, Write};
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use super::load::{angular_row, invalid};
-use super::source::{OF_ELLIPSOID, for_each_block, for_each_rows};
+use super::load::invalid;
+use super::source::{OF_ELLIPSOID, for_each_block, for_each_body};
 use super::vtk::{BODY, classifier, provenance_file, symmetric, tensor, title};
 use super::{Column, GrainSource, Head, nominal_size};
-use crate::arrays::{self, Each as _};
+use crate::arrays::Each as _;
 use crate::elementary::cbrt;
 use crate::export::ExportError;
 use crate::export::vtk_xml::Sink;
 use crate::geometry::convex::{Convex, Skin, SkinPoint};
-use crate::request::GrainKind;
 use crate::shape::{Polyhedron, Pose, Solid};
 
 /// Times that the triangles of an icosahedron are divided for an ellipsoid, which then has 320.
@@ -175,11 +174,9 @@ pub(crate) struct GrainSurface {
 
 /// The surface of one grain; `None` where there is no such template.
 pub(crate) fn surface_of(solid: &Solid, templates: &[Polyhedron], pose: &Pose) -> Option<GrainSurface> {
-    let (surface, semi_axes_mm) = match solid {
-        Solid::Ellipsoid(ellipsoid) => (Surface::of_ball(), ellipsoid.semi_axes_mm()),
-        Solid::Polyhedron { template, .. } => {
-            (Surface::of_template(templates.get(*template as usize)?), Vector3::zeros())
-        }
+    let (surface, semi_axes_mm) = match solid.template() {
+        None => (Surface::of_ball(), solid.ellipsoid()?.semi_axes_mm()),
+        Some(template) => (Surface::of_template(templates.get(template as usize)?), Vector3::zeros()),
     };
     let mut points = Vec::with_capacity(surface.len());
     let mut keep = |point| {
@@ -218,7 +215,7 @@ impl<'a> Surfaces<'a> {
 
     /// The surface of grains with this template.
     fn of(&self, template: f64) -> io::Result<&Surface<'a>> {
-        let found = if template == OF_ELLIPSOID && self.grains.kind() == GrainKind::Mixed {
+        let found = if template == OF_ELLIPSOID && self.grains.has(Column::A) {
             Some(&self.ball)
         } else {
             self.templates.get(template as usize).filter(|_| template >= 0.0)
@@ -235,15 +232,12 @@ impl<'a> Surfaces<'a> {
 
     /// Calls `visit` with each point of each grain.
     fn for_each_point(&self, visit: &mut dyn FnMut([f64; 3]) -> io::Result<()>) -> io::Result<()> {
-        for_each_rows(self.grains, angular_row(self.grains), &mut |columns| {
-            for row in 0..columns[0].len() {
-                let [x, y, z, d, w, i, j, k, template] = arrays::from_fn(|column| columns[column][row]);
-                let semi_axes = Vector3::from_fn(|k, _| columns.get(9 + k).map_or(0.0, |axis| axis[row]));
-                let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-                let pose = Pose { center_mm: Vector3::new(x, y, z), orientation };
-                self.of(template)?.for_each_point(&pose, d, &semi_axes, visit)?;
-            }
-            Ok(())
+        for_each_body(self.grains, &mut |row| {
+            let [w, i, j, k] = row.quaternion;
+            let orientation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+            let pose = Pose { center_mm: row.center_mm.into(), orientation };
+            let surface = self.of(row.template.unwrap_or(OF_ELLIPSOID))?;
+            surface.for_each_point(&pose, row.d_mm, &row.semi_axes_mm.into(), visit)
         })
     }
 
@@ -320,13 +314,13 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     })?;
     writeln!(out, "\nCELL_DATA {n}\nSCALARS diameter double 1\nLOOKUP_TABLE default")?;
     surfaces.for_each_polygon(Column::Diameter, &mut |d| out.write_all(&d.to_be_bytes()))?;
-    if grains.kind() == GrainKind::Mixed {
+    if grains.has(Column::A) {
         writeln!(out, "\nTENSORS tensor double")?;
         // Symmetric, so that the order of rows and columns does not matter.
         surfaces
             .for_each_tensor(&mut |tensor| tensor.iter().try_for_each(|x| out.write_all(&x.to_be_bytes())))?;
     }
-    let arrays = 4 + i32::from(grains.has_aggregates());
+    let arrays = 4 + i32::from(grains.has(Column::Aggregate));
     writeln!(out, "\nFIELD arrays {arrays}\nsieve 1 {n} double")?;
     surfaces.for_each_polygon(Column::Sieve, &mut |size| out.write_all(&size.to_be_bytes()))?;
     writeln!(out, "\nsieve_class 1 {n} int")?;
@@ -335,7 +329,7 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     surfaces.for_each_polygon(Column::Template, &mut |template| {
         out.write_all(&(template as i32).to_be_bytes())
     })?;
-    if grains.has_aggregates() {
+    if grains.has(Column::Aggregate) {
         writeln!(out, "\naggregate 1 {n} int")?;
         surfaces.for_each_polygon(Column::Aggregate, &mut |k| out.write_all(&(k as i32).to_be_bytes()))?;
     }
@@ -360,7 +354,7 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
             put(sink, &mut |put| surfaces.for_each_polygon(column, &mut |value| put.put(value)))
         });
     }
-    if grains.kind() == GrainKind::Mixed {
+    if grains.has(Column::A) {
         file.fill::<[f64; 6]>("tensor", n, |sink| {
             put(sink, &mut |put| surfaces.for_each_tensor(&mut |tensor| put.put(symmetric(tensor))))
         });
@@ -373,7 +367,7 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
             surfaces.for_each_polygon(Column::Template, &mut |template| put.put(template as i32))
         })
     });
-    if grains.has_aggregates() {
+    if grains.has(Column::Aggregate) {
         file.fill::<i32>("aggregate", n, |sink| {
             put(sink, &mut |put| surfaces.for_each_polygon(Column::Aggregate, &mut |k| put.put(k as i32)))
         });

@@ -77,8 +77,7 @@ impl TemplateRecord {
 
 /// The templates of polyhedra; none of other grains.
 pub(super) fn records(grains: &dyn GrainSource) -> Option<Vec<TemplateRecord>> {
-    let has_templates = grains.columns().contains(&Column::Template);
-    has_templates.then(|| grains.templates().iter().map(TemplateRecord::from).collect())
+    grains.has(Column::Template).then(|| grains.templates().iter().map(TemplateRecord::from).collect())
 }
 
 /// The templates of a result with these columns.

@@ -6,8 +6,6 @@ use super::Column;
 use super::columns::names;
 use super::source::for_each_rows;
 use super::{GrainSource, Head, templates};
-#[cfg(feature = "openapi")]
-use crate::request::GrainKind;
 
 pub(super) fn write_csv(grains: &dyn GrainSource, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{}", names(grains.columns()).join(","))?;
@@ -67,27 +65,14 @@ impl GrainTable<'_> {
 #[cfg(feature = "openapi")]
 impl utoipa::PartialSchema for GrainTable<'_> {
     fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
-        const SHAPED: &str = "centre, diameter of the sphere of equal volume, sieve size, orientation";
         let mut tables = utoipa::openapi::OneOfBuilder::new();
-        for (about, kind) in [
-            ("Spheres.".to_owned(), GrainKind::Spheres),
-            (format!("Ellipsoids: {SHAPED}, semi-axes."), GrainKind::Ellipsoids),
-            (format!("Convex polyhedra: {SHAPED}, index of the template."), GrainKind::Polyhedra),
-            (
-                format!(
-                    "Ellipsoids and convex polyhedra: {SHAPED}, semi-axes (0 of polyhedra), index of the template (-1 \
-                     of ellipsoids)."
-                ),
-                GrainKind::Mixed,
-            ),
-        ] {
-            let table = |about: &str, has_aggregates| {
-                let columns = names(Column::of(kind, has_aggregates));
-                crate::export::schema::table(about, &columns, "One row a grain.")
+        for (about, plain, with_aggregate) in Column::TABLES {
+            let table = |about: &str, columns: &[Column]| {
+                crate::export::schema::table(about, &names(columns), "One row a grain.")
             };
-            tables = tables.item(table(&about, false));
+            tables = tables.item(table(about, plain));
             let about = format!("{about} Last the aggregate of the request, counted from 0.");
-            tables = tables.item(table(&about, true));
+            tables = tables.item(table(&about, with_aggregate));
         }
         utoipa::openapi::Schema::from(
             tables

@@ -16,7 +16,6 @@ use super::vtk::classifier;
 use super::{Column, GrainSource, Head, nominal_size};
 use crate::arrays::Each as _;
 use crate::memory::reserved;
-use crate::request::GrainKind;
 use crate::shape::Polyhedron;
 
 const MAGIC: [u8; 8] = *b"PKSTVIEW";
@@ -92,10 +91,9 @@ struct SizeOf {
 
 impl SizeOf {
     fn new(grains: &dyn GrainSource) -> Self {
-        let columns = grains.columns();
         let needed = [Column::Diameter, Column::A, Column::Template];
         Self {
-            columns: needed.into_iter().filter(|column| columns.contains(column)).collect(),
+            columns: needed.into_iter().filter(|column| grains.has(*column)).collect(),
             outer: grains.templates().iter().map(|template| 2.0 * template.outer_radius()).collect(),
         }
     }
@@ -141,7 +139,7 @@ impl SizeOf {
 }
 
 fn record_bytes(grains: &dyn GrainSource) -> usize {
-    if grains.kind() == GrainKind::Spheres { SPHERE_BYTES } else { SOLID_BYTES }
+    if grains.has(Column::Qw) { SOLID_BYTES } else { SPHERE_BYTES }
 }
 
 /// Number of bytes that [`write`] writes.
@@ -208,7 +206,7 @@ fn head_bytes(
 /// A viewer draws flat faces. The vertices of a rounded body are moved outwards by its radius of rounding, so that the
 /// drawn body is as long as the grain.
 fn template_table(grains: &dyn GrainSource) -> Vec<u8> {
-    if !grains.columns().contains(&Column::Template) {
+    if !grains.has(Column::Template) {
         return Vec::new();
     }
     let templates = grains.templates();
@@ -250,7 +248,7 @@ fn for_each_record_block(
         let size = u64::from(size_share(size_mm / sizes.largest_mm));
         bytes.extend_from_slice(&(x | y << 16 | z << 32 | size << 48).to_le_bytes());
     };
-    if grains.kind() == GrainKind::Spheres {
+    if !grains.has(Column::Qw) {
         return for_each_block(
             grains,
             [Column::X, Column::Y, Column::Z, Column::Diameter],
@@ -274,7 +272,7 @@ fn for_each_record_block(
         Column::Sieve,
     ];
     let mut columns = fixed.to_vec();
-    columns.extend(others.into_iter().filter(|column| grains.columns().contains(column)));
+    columns.extend(others.into_iter().filter(|column| grains.has(*column)));
     let position = |column: Column| columns.iter().position(|own| *own == column);
     let [a, b, c, template, aggregate, _, _] = others.each(position);
     let (class_of, nominal) = (classifier(head), position(nominal_size(head, grains)));

@@ -18,7 +18,6 @@ use crate::arrays::Each as _;
 use crate::export::vtk_xml::{Sink, VtkXml};
 use crate::export::{ExportError, Provenance};
 use crate::mix::sieve::class_of;
-use crate::request::GrainKind;
 use crate::shape::Pose;
 
 const POSITION: [Column; 3] = [Column::X, Column::Y, Column::Z];
@@ -42,7 +41,7 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     writeln!(out, "\nPOINT_DATA {n}")?;
     writeln!(out, "SCALARS diameter double 1\nLOOKUP_TABLE default")?;
     write_values(grains, [Column::Diameter], &mut bytes, out, |d| d, be)?;
-    let is_spherical = grains.kind() == GrainKind::Spheres;
+    let is_spherical = !grains.has(Column::A);
     if !is_spherical {
         writeln!(out, "\nTENSORS tensor double")?;
         write_values(
@@ -62,7 +61,7 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
         )?;
     }
     // Readers keep one array of scalars only, but all of a field.
-    let arrays = if is_spherical { 3 } else { 5 } + i32::from(grains.has_aggregates());
+    let arrays = if is_spherical { 3 } else { 5 } + i32::from(grains.has(Column::Aggregate));
     write!(out, "\nFIELD arrays {arrays}\n")?;
     if is_spherical {
         writeln!(out, "radius 1 {n} double")?;
@@ -79,7 +78,7 @@ pub(super) fn write_legacy(head: &Head, grains: &dyn GrainSource, out: &mut dyn 
     let class = classifier(head);
     let size = nominal_size(head, grains);
     write_values(grains, [size], &mut bytes, out, |[d]| [class(d)], i32::to_be_bytes)?;
-    if grains.has_aggregates() {
+    if grains.has(Column::Aggregate) {
         write!(out, "\naggregate 1 {n} int\n")?;
         write_values(grains, [Column::Aggregate], &mut bytes, out, |[k]| [k as i32], i32::to_be_bytes)?;
     }
@@ -96,22 +95,22 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     file.fill::<[f64; 3]>("Points", n, |sink| fill(grains, POSITION, sink, |point| point, le));
     file.section("PointData", Some("diameter"));
     file.fill::<f64>("diameter", n, |sink| fill(grains, [Column::Diameter], sink, |d| d, le));
-    if grains.kind() == GrainKind::Spheres {
-        file.fill::<f64>("radius", n, |sink| fill(grains, [Column::Diameter], sink, |[d]| [d / 2.0], le));
-    } else {
+    if grains.has(Column::A) {
         file.fill::<f64>("sieve", n, |sink| fill(grains, [Column::Sieve], sink, |size| size, le));
         file.fill::<[f64; 3]>("semi_axes", n, |sink| fill(grains, SEMI_AXES, sink, |axes| axes, le));
         file.fill::<[f64; 4]>("orientation", n, |sink| fill(grains, ORIENTATION, sink, |q| q, le));
         file.fill::<[f64; 6]>("tensor", n, |sink| {
             fill(grains, BODY, sink, |body| symmetric(&tensor(body)), le)
         });
+    } else {
+        file.fill::<f64>("radius", n, |sink| fill(grains, [Column::Diameter], sink, |[d]| [d / 2.0], le));
     }
     let class = classifier(head);
     let size = nominal_size(head, grains);
     file.fill::<i32>("sieve_class", n, move |sink| {
         fill(grains, [size], sink, |[d]| [class(d)], i32::to_le_bytes)
     });
-    if grains.has_aggregates() {
+    if grains.has(Column::Aggregate) {
         file.fill::<i32>("aggregate", n, |sink| {
             fill(grains, [Column::Aggregate], sink, |[k]| [k as i32], i32::to_le_bytes)
         });

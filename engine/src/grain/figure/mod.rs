@@ -17,6 +17,7 @@ use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
 use crate::gap::ellipsoids::Body;
 use crate::gap::linear::Symmetric;
+use crate::request::GrainKind;
 pub(crate) use polygon::area;
 pub use polygon::{Polygon, TOLERANCE};
 
@@ -49,6 +50,38 @@ pub(crate) struct Span {
     pub(crate) outer: [f64; 2],
     /// Where the figure covers the strip from edge to edge; reversed where it does so nowhere.
     pub(crate) inner: [f64; 2],
+}
+
+/// What figures are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FigureKind {
+    /// Circles.
+    Circle,
+    /// Ellipses.
+    Ellipse,
+    /// Polygons.
+    Polygon,
+}
+
+impl FigureKind {
+    /// What the sections of grains are.
+    pub(crate) fn of_grains(kind: GrainKind) -> Vec<Self> {
+        let all = [
+            (Self::Circle, !kind.has_orientations()),
+            (Self::Ellipse, kind.has_axes()),
+            (Self::Polygon, kind.has_templates()),
+        ];
+        all.into_iter().filter(|(_, is_there)| *is_there).map(|(figure, _)| figure).collect()
+    }
+
+    /// What they are called, in the plural.
+    pub fn noun(self) -> &'static str {
+        match self {
+            Self::Circle => "circles",
+            Self::Ellipse => "ellipses",
+            Self::Polygon => "polygons",
+        }
+    }
 }
 
 impl Ellipse {
@@ -138,6 +171,15 @@ impl Ellipse {
 }
 
 impl Figure {
+    /// What it is.
+    pub fn kind(&self) -> FigureKind {
+        match self {
+            Self::Circle { .. } => FigureKind::Circle,
+            Self::Ellipse(_) => FigureKind::Ellipse,
+            Self::Polygon(_) => FigureKind::Polygon,
+        }
+    }
+
     /// Its area.
     pub fn area_mm2(&self) -> f64 {
         match self {

@@ -153,7 +153,7 @@ mod tests {
     use crate::request::{Boundary, Distance};
 
     fn box_of(size_mm: [f64; 3]) -> Specimen {
-        Specimen::Box { size_mm, boundary: Boundary::Walls }
+        Specimen::cuboid(size_mm, Boundary::Walls)
     }
 
     fn settled(

@@ -59,7 +59,7 @@ impl Fluid {
     pub fn new(spheres: usize, volume_fraction: f64, seed: u64) -> Self {
         assert!(spheres > 0 && volume_fraction > 0.0 && volume_fraction < 0.6, "no such fluid");
         let edge = cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
-        let specimen = Specimen::Box { size_mm: [edge; 3], boundary: Boundary::Periodic };
+        let specimen = Specimen::cuboid([edge; 3], Boundary::Periodic);
         let mut scale = cbrt(START_FRACTION / volume_fraction).min(1.0);
         let placing = Rsa {
             diameters_mm: &vec![scale; spheres],

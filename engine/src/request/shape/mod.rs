@@ -176,6 +176,35 @@ pub enum GrainKind {
 }
 
 impl GrainKind {
+    /// That of grains some of which have semi-axes, or a template. Spheres have neither.
+    #[must_use]
+    pub fn of(has_axes: bool, has_templates: bool) -> Self {
+        match (has_axes, has_templates) {
+            (true, true) => Self::Mixed,
+            (false, true) => Self::Polyhedra,
+            (true, false) => Self::Ellipsoids,
+            (false, false) => Self::Spheres,
+        }
+    }
+
+    /// Whether grains are described by semi-axes.
+    #[must_use]
+    pub fn has_axes(self) -> bool {
+        matches!(self, Self::Ellipsoids | Self::Mixed)
+    }
+
+    /// Whether grains are described by templates.
+    #[must_use]
+    pub fn has_templates(self) -> bool {
+        matches!(self, Self::Polyhedra | Self::Mixed)
+    }
+
+    /// Whether grains have an orientation, which spheres alone have not.
+    #[must_use]
+    pub fn has_orientations(self) -> bool {
+        self != Self::Spheres
+    }
+
     /// What they are called, in the plural.
     #[must_use]
     pub fn noun(self) -> &'static str {
@@ -259,7 +288,7 @@ impl GrainShape {
     /// Whether all grains are spheres.
     #[must_use]
     pub fn is_sphere(&self) -> bool {
-        self.parts().iter().all(|(_, shape)| shape.kind() == GrainKind::Spheres)
+        self.parts().iter().all(|(_, shape)| !shape.kind().has_orientations())
     }
 
     /// Shares of the volume with their shapes.

@@ -64,12 +64,7 @@ fn columns_of(names: &[&str]) -> io::Result<&'static [Column]> {
     if let Some(twice) = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name)) {
         return Err(invalid(format!("the column {} stands there twice", twice.1)));
     }
-    let kind = match (has(Column::Template), has(Column::A)) {
-        (true, true) => GrainKind::Mixed,
-        (true, false) => GrainKind::Polyhedra,
-        (false, true) => GrainKind::Ellipsoids,
-        (false, false) => GrainKind::Spheres,
-    };
+    let kind = GrainKind::of(has(Column::A), has(Column::Template));
     let columns = Column::of(kind, has(Column::Aggregate));
     let listed = || columns.iter().map(|column| column.name()).collect::<Vec<_>>().join(",");
     let unknown = names.iter().find(|name| !columns.iter().any(|column| column.name() == **name));

@@ -20,11 +20,9 @@ use super::options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
-use crate::packing::GrainsRef;
 use crate::plan::Limits;
 use crate::request::decode::Object;
 use crate::request::{GrainKind, Specimen};
-use crate::shape::{Pose, SolidRef};
 use script::Script;
 
 /// Length of a script without grains.
@@ -208,25 +206,22 @@ fn write_groups(
 
 /// Length of the script of a packing.
 pub(super) fn bytes_of_model(model: &Model<'_>) -> u64 {
-    let grains = match model.grains {
-        GrainsRef::Spheres(spheres) => BYTES_OF_SPHERE * spheres.len() as f64,
-        GrainsRef::Solids(solids) => {
-            let bytes = |(shape, _): (SolidRef<'_>, &Pose)| match shape.polyhedron() {
-                None => BYTES_OF_ELLIPSOID,
-                Some(shape) => BYTES_OF_FACE * shape.template.faces().len() as f64,
-            };
-            solids.iter().map(bytes).sum()
-        }
+    let grains = model.grains;
+    let of_curved = bytes_of_curved(grains.kind());
+    let bytes = |grain: usize| match grains.template(grain) {
+        None => of_curved,
+        Some(template) => BYTES_OF_FACE * grains.templates()[template as usize].faces().len() as f64,
     };
-    (BYTES_OF_FRAME + grains) as u64
+    (BYTES_OF_FRAME + (0..grains.len()).map(bytes).sum::<f64>()) as u64
 }
 
 /// Length of the script of that many planned grains.
 pub(super) fn bytes_of_plan(kind: GrainKind, grains: f64) -> u64 {
-    let of_grain = match kind {
-        GrainKind::Spheres => BYTES_OF_SPHERE,
-        GrainKind::Ellipsoids => BYTES_OF_ELLIPSOID,
-        GrainKind::Polyhedra | GrainKind::Mixed => BYTES_OF_FACE * FACES,
-    };
+    let of_grain = if kind.has_templates() { BYTES_OF_FACE * FACES } else { bytes_of_curved(kind) };
     (BYTES_OF_FRAME + of_grain * grains) as u64
+}
+
+/// What a grain without a template adds.
+fn bytes_of_curved(kind: GrainKind) -> f64 {
+    if kind.has_axes() { BYTES_OF_ELLIPSOID } else { BYTES_OF_SPHERE }
 }
