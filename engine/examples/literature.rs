@@ -44,6 +44,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Op
         keep_checkpoint: None,
         to_jamming: None,
         keeps_partial: false,
+        threads: std::num::NonZeroUsize::MIN,
     };
     growth.run(None, &Unattended).ok()
 }
@@ -95,6 +96,7 @@ fn added<S: ConvexShape>(name: &str, published: &str, shape: S, grains: usize, s
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
             attempts_per_grain: Some(attempts),
             attempts_in: AttemptsIn::Specimen,
+            threads: std::num::NonZeroUsize::MIN,
             orientation: &uniform_orientation,
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);

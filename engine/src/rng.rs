@@ -32,8 +32,12 @@ pub(crate) fn stream(seed: u64, stream: Stream) -> Xoshiro256PlusPlus {
 /// The stream of one cycle of growing grains. Each cycle has its own, so that a run which goes on from
 /// a checkpoint needs no state of a generator.
 pub(crate) fn cycle_stream(seed: u64, cycle: u64) -> Xoshiro256PlusPlus {
-    let mut of_epochs = stream(seed, Stream::Edmd);
-    Xoshiro256PlusPlus::seed_from_u64(of_epochs.next_u64() ^ cycle.wrapping_mul(0x9e37_79b9_7f4a_7c15))
+    numbered_stream(stream(seed, Stream::Edmd).next_u64(), cycle)
+}
+
+/// One of the streams that a number drawn from another stream names.
+pub(crate) fn numbered_stream(drawn: u64, number: u64) -> Xoshiro256PlusPlus {
+    Xoshiro256PlusPlus::seed_from_u64(drawn ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15))
 }
 
 /// A stream of its own that starts with a draw from another.

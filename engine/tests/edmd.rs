@@ -8,3 +8,5 @@ mod resume;
 mod stops;
 mod threads;
 mod valid;
+
+pub(crate) use resume::{Killer, resume as resume_from};

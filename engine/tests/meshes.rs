@@ -116,6 +116,7 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Solids {
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: std::num::NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;

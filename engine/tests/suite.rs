@@ -19,6 +19,7 @@ mod layers;
 mod literature;
 mod meshes;
 mod mixes;
+mod moves_threads;
 mod own_kinds;
 mod packing;
 mod polyhedra;

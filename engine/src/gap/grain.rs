@@ -34,7 +34,7 @@ pub struct PushContact {
 pub type Orientation = [f64; 4];
 
 /// A shape of grains: an ellipsoid or a convex polyhedron whose origin lies inside.
-pub trait ConvexShape: Copy + Debug {
+pub trait ConvexShape: Copy + Debug + Send + Sync {
     /// The shape, turned.
     type Turned: Turned;
 
@@ -95,7 +95,7 @@ pub trait ConvexShape: Copy + Debug {
 }
 
 /// A turned shape about its centre.
-pub trait Turned: Copy + Debug {
+pub trait Turned: Copy + Debug + Send + Sync {
     /// Whether the body is the ellipsoid around it.
     const IS_ELLIPSOID: bool;
 

@@ -1,6 +1,8 @@
 //! Grains that are longer than an edge of their periodic box: all pairs of packings with all images that can matter, by
 //! a loop of the test's own.
 
+use std::num::NonZeroUsize;
+
 use nalgebra::{UnitQuaternion, Vector3};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -89,6 +91,7 @@ fn inserted(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -
         rule: DistanceRule::new(distance, specimen),
         attempts_per_grain: Some(2_000_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(5), &Unattended);
@@ -112,6 +115,7 @@ fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> V
         keep_checkpoint: None,
         to_jamming: None,
         keeps_partial: false,
+        threads: NonZeroUsize::MIN,
     }
     .run(None, &Unattended)
     .unwrap();
@@ -234,6 +238,7 @@ fn what_meets_its_own_image_in_every_orientation_is_proven_to_have_no_place() {
             rule: DistanceRule::new(distance, &specimen),
             attempts_per_grain: None,
             attempts_in: AttemptsIn::Specimen,
+            threads: NonZeroUsize::MIN,
             orientation: &|_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity(),
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(5), &Unattended);

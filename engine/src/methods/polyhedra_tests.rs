@@ -2,6 +2,7 @@
 //! repeated and continued.
 
 use std::io::{self, Write};
+use std::num::NonZeroUsize;
 use std::sync::Mutex;
 
 use crate::properties::properties;
@@ -93,6 +94,7 @@ fn rsa<'a>(
         rule: rule(distance, specimen),
         attempts_per_grain: Some(3_000_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     }
 }
@@ -120,6 +122,7 @@ fn growth<'a>(
         keep_checkpoint: None,
         to_jamming: None,
         keeps_partial: false,
+        threads: NonZeroUsize::MIN,
     }
 }
 

@@ -77,6 +77,15 @@ pub(crate) struct SwapPairs {
     pub(crate) accepted: u64,
 }
 
+/// Grains that exchange their places among themselves.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SwapGroup {
+    /// Their sites, in the order of their families and sizes.
+    pub(crate) sites: Vec<u32>,
+    /// Each family, and where it begins here.
+    families: Vec<(u32, u32)>,
+}
+
 impl SwapPairs {
     pub(crate) fn new(window: f64) -> Self {
         Self { site: Vec::new(), limit: Vec::new(), window, tried: 0, accepted: 0 }
@@ -97,6 +106,16 @@ impl SwapPairs {
         ranks: &[u32],
         sizes: &[f64],
     ) -> Result<(), OutOfMemory> {
+        self.find_sites(families, ranks)?;
+        let mut first = families.first.iter();
+        self.set_limits(
+            |place| sizes[families.rank(place)],
+            |_| first.next().map_or(0, |&first| first as usize),
+        )
+    }
+
+    /// Takes notice of the rank of the grain at each site.
+    fn find_sites(&mut self, families: &Families, ranks: &[u32]) -> Result<(), OutOfMemory> {
         refill(&mut self.site, ranks.len(), 0)?;
         for (site, &rank) in ranks.iter().enumerate() {
             self.site[rank as usize] = site as u32;
@@ -107,20 +126,74 @@ impl SwapPairs {
                 *site = by_rank[rank as usize];
             }
         }
+        Ok(())
+    }
+
+    /// Finds the first grain that each may change places with, from the sizes of the grains, which fall in each family,
+    /// and the first grain of the family of each.
+    fn set_limits(
+        &mut self,
+        size: impl Fn(usize) -> f64,
+        mut family: impl FnMut(usize) -> usize,
+    ) -> Result<(), OutOfMemory> {
         self.limit.clear();
-        make_room(&mut self.limit, sizes.len())?;
+        make_room(&mut self.limit, self.site.len())?;
         let mut largest = 0;
-        for place in 0..sizes.len() {
-            let size = sizes[families.rank(place)];
-            if let Some(&first) = families.first.get(place) {
-                largest = largest.max(first as usize);
-            }
-            while sizes[families.rank(largest)] > size * (1.0 + self.window) {
+        for place in 0..self.site.len() {
+            let most = size(place) * (1.0 + self.window);
+            largest = largest.max(family(place));
+            while size(largest) > most {
                 largest += 1;
             }
             self.limit.push(largest as u32);
         }
         Ok(())
+    }
+
+    /// The sites of the grains of each of so many groups, in the order of their families and sizes.
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub(crate) fn groups(
+        &mut self,
+        families: &Families,
+        ranks: &[u32],
+        groups: usize,
+        group_of: impl Fn(usize) -> usize,
+    ) -> Result<Vec<SwapGroup>, OutOfMemory> {
+        self.find_sites(families, ranks)?;
+        let mut of_groups: Vec<SwapGroup> = collected((0..groups).map(|_| SwapGroup::default()))?;
+        for (place, &site) in self.site.iter().enumerate() {
+            let group = &mut of_groups[group_of(site as usize)];
+            let family = families.first.get(place).copied().unwrap_or(0);
+            if group.families.last().is_none_or(|last| last.0 != family) {
+                group.families.push((family, group.sites.len() as u32));
+            }
+            make_room(&mut group.sites, 1)?;
+            group.sites.push(site);
+        }
+        Ok(of_groups)
+    }
+
+    /// Pairs among the grains of a group, of sizes as similar as those of these pairs.
+    ///
+    /// # Errors
+    /// The system refused memory.
+    pub(crate) fn among(&self, group: &SwapGroup, size: impl Fn(usize) -> f64) -> Result<Self, OutOfMemory> {
+        let site = copied(&group.sites)?;
+        let mut pairs = Self { site, ..self.with_same_window() };
+        let mut families = group.families.iter().peekable();
+        let mut first = 0;
+        pairs.set_limits(
+            |place| size(group.sites[place] as usize),
+            |place| {
+                if let Some(&(_, begins)) = families.next_if(|&&(_, begins)| begins as usize == place) {
+                    first = begins as usize;
+                }
+                first
+            },
+        )?;
+        Ok(pairs)
     }
 
     /// Draws two grains, the larger first; they may be the same.

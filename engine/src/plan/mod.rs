@@ -148,7 +148,7 @@ const VOIDS_EXPONENT: f64 = -0.4;
 const NEARLY_EQUAL: f64 = 1.2;
 /// Most threads of one run: with more, the sequential share of the work is most of the time.
 const MOST_THREADS: u32 = 64;
-/// The same for a run that grows: collisions with growth are sequential.
+/// The same for a run that grows: collisions with growth are sequential, and so are the moves at the first cut.
 const MOST_GROWING_THREADS: u32 = 4;
 /// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
 /// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
@@ -312,12 +312,13 @@ impl Plan {
     }
 }
 
-/// Threads that a run has work for: threads share the growth of many spheres, and their random addition where they
-/// prefer no places.
+/// Threads that a run has work for: threads share the growth of many grains, and the random addition of many spheres
+/// that prefer no places.
 fn most_threads(case: &Case<'_>, grows: bool) -> u32 {
     let (request, mix, grains) = (case.request, case.mix, case.grains);
     if grows {
-        let is_shared = !case.grows_by_moves() && grains >= LEAST_GROWN_IN_BLOCKS as f64;
+        let least = if case.grows_by_moves() { monte_carlo::LEAST_CUT } else { LEAST_GROWN_IN_BLOCKS };
+        let is_shared = grains >= least as f64;
         return if is_shared { MOST_GROWING_THREADS } else { 1 };
     }
     let is_shared = mix.shapes.is_none()

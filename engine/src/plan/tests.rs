@@ -151,7 +151,7 @@ fn a_cut_off_that_leaves_nothing_is_refused() {
 }
 
 #[test]
-fn threads_have_work_where_many_spheres_are_placed_at_random_or_grow() {
+fn threads_have_work_where_many_grains_are_placed_at_random_or_grow() {
     let most = |d_min_mm: f64, volume_fraction: f64, method: &str| {
         let request = json!({
             "specimen": {"type": "box", "size_mm": [60, 60, 60]},
@@ -166,6 +166,8 @@ fn threads_have_work_where_many_spheres_are_placed_at_random_or_grow() {
     assert_eq!(most(0.5, 0.6, "auto"), 64);
     assert_eq!(most(0.5, 0.6, "edmd"), 4);
     assert_eq!(most(2.0, 0.6, "edmd"), 1);
+    assert_eq!(most(0.5, 0.6, "monte_carlo"), 4);
+    assert_eq!(most(2.0, 0.6, "monte_carlo"), 1);
     assert_eq!(most(2.0, 0.6, "rsa"), 1);
 }
 

@@ -6,6 +6,7 @@
 //! `engine/tests/own_kinds.rs` is a whole example: capsules in a hexagonal prism.
 
 use std::io::Write;
+use std::num::NonZeroUsize;
 
 use thiserror::Error;
 
@@ -139,7 +140,7 @@ where
 {
     let rule = DistanceRule::new(&mix.distance, mix.domain);
     accept(mix, &rule)?;
-    let (poses, method_used) = place(mix, rule, control)?;
+    let (poses, method_used) = place(mix, rule, limits.threads, control)?;
     let bodies: Vec<B> = mix.shapes.iter().zip(&poses).map(|(shape, pose)| body(shape, pose)).collect();
     let gaps = check::check_bodies(&bodies, region, mix.distance, limits.threads, control)?;
     let packing = OwnPacking { shapes: mix.shapes, poses, domain: mix.domain, gaps, method_used };
@@ -166,19 +167,20 @@ fn accept<G: ConvexShape>(mix: &OwnMix<'_, G>, rule: &DistanceRule) -> Result<()
 fn place<G: ConvexShape>(
     mix: &OwnMix<'_, G>,
     rule: DistanceRule,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<(Vec<Pose>, MethodUsed), OwnError> {
     match mix.method {
         Method::Rsa { attempts_per_grain } => {
-            insert(mix, rule, attempts_per_grain, control).map(|poses| (poses, MethodUsed::Rsa))
+            insert(mix, rule, attempts_per_grain, threads, control).map(|poses| (poses, MethodUsed::Rsa))
         }
-        Method::Auto {} => match insert(mix, rule, None, control) {
-            Err(OwnError::NoPlace { .. }) => grow(mix, rule, &GrowthOptions::default(), control)
+        Method::Auto {} => match insert(mix, rule, None, threads, control) {
+            Err(OwnError::NoPlace { .. }) => grow(mix, rule, &GrowthOptions::default(), threads, control)
                 .map(|poses| (poses, MethodUsed::RsaThenMonteCarlo)),
             inserted => inserted.map(|poses| (poses, MethodUsed::Rsa)),
         },
         Method::Growth { options } | Method::MonteCarlo { options } | Method::Edmd { options } => {
-            grow(mix, rule, &options, control).map(|poses| (poses, MethodUsed::MonteCarlo))
+            grow(mix, rule, &options, threads, control).map(|poses| (poses, MethodUsed::MonteCarlo))
         }
     }
 }
@@ -187,6 +189,7 @@ fn insert<G: ConvexShape>(
     mix: &OwnMix<'_, G>,
     rule: DistanceRule,
     attempts_per_grain: Option<u64>,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Vec<Pose>, OwnError> {
     let rsa = ShapeRsa {
@@ -195,6 +198,7 @@ fn insert<G: ConvexShape>(
         rule,
         attempts_per_grain,
         attempts_in: AttemptsIn::Specimen,
+        threads,
         orientation: mix.orientation,
     };
     let outcome = rsa.run_with(None, None, MOST_DRAWS, &mut stream(mix.seed, Stream::Rsa), control);
@@ -212,6 +216,7 @@ fn grow<G: ConvexShape>(
     mix: &OwnMix<'_, G>,
     rule: DistanceRule,
     options: &GrowthOptions,
+    threads: NonZeroUsize,
     control: &dyn Control,
 ) -> Result<Vec<Pose>, OwnError> {
     let method = MonteCarlo {
@@ -228,6 +233,7 @@ fn grow<G: ConvexShape>(
         preference: None,
         keep_checkpoint: None,
         keeps_partial: false,
+        threads,
     };
     let outcome = method.run(None, control).map_err(|interrupted| match interrupted {
         Interrupted::Stopped => OwnError::Stopped,

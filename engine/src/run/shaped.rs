@@ -136,6 +136,7 @@ pub(super) fn grown_by_moves<S: ConvexShape>(
         preference: preference.as_ref(),
         keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(request, write))),
         keeps_partial: request.on_limit == OnLimit::Keep,
+        threads: run.threads,
     };
     method.run_with_own(shapes, resume.map(|resume| resume.body.as_slice()), control)
 }
@@ -177,6 +178,7 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
             rule: DistanceRule::new(&request.distance, &request.specimen),
             attempts_per_grain,
             attempts_in: AttemptsIn::Specimen,
+            threads: self.run.threads,
             orientation: &|rng| draw_orientation(&orientation, rng),
         };
         let preference = preference(request, &self.shapes)?;

@@ -12,19 +12,19 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 
 /// Keeps the checkpoint of one question whether it wants one, and pulls the plug.
-pub(super) struct Killer {
+pub(crate) struct Killer {
     questions: AtomicU32,
     at: u32,
     kept: Mutex<Option<Vec<u8>>>,
 }
 
 impl Killer {
-    pub(super) fn at(question: u32) -> Self {
+    pub(crate) fn at(question: u32) -> Self {
         Self { questions: AtomicU32::new(0), at: question, kept: Mutex::new(None) }
     }
 
     /// The checkpoint that it kept.
-    pub(super) fn kept(self) -> Vec<u8> {
+    pub(crate) fn kept(self) -> Vec<u8> {
         self.kept.into_inner().unwrap().unwrap()
     }
 }
@@ -47,7 +47,7 @@ impl Control for Killer {
     }
 }
 
-pub(super) fn resume(bytes: &[u8], request: &PackingRequest) -> Resume {
+pub(crate) fn resume(bytes: &[u8], request: &PackingRequest) -> Resume {
     Resume::read_from(&mut &bytes[..], request).unwrap()
 }
 

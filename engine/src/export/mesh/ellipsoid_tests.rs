@@ -4,6 +4,7 @@
 
 use std::collections::HashMap;
 use std::f64::consts::PI;
+use std::num::NonZeroUsize;
 
 use crate::properties::properties;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -80,6 +81,7 @@ fn packed(specimen: &Specimen, gap_mm: f64) -> Solids {
         rule: DistanceRule::new(&Distance::Constant { gap_mm, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::num::NonZeroUsize;
+
 use crate::properties::properties;
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -40,6 +42,7 @@ fn packed(specimen: &Specimen) -> Solids {
         rule: DistanceRule::new(&Distance::Constant { gap_mm: 0.2, wall_gap_mm: None }, specimen),
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);

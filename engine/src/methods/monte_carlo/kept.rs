@@ -5,46 +5,47 @@
 //! looked for, by bisection between what the normal shows and what is known.
 
 use super::planes::{LANES, NOBODY, is_wall};
-use super::system::System;
+use super::system::Part;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, minus, norm, scaled, sum};
 
 /// Share of the diameter of equal volume to which the gap of a pair is found.
 const PRECISION: f64 = 1e-10;
 
-impl<S: ConvexShape> System<S> {
+impl<S: ConvexShape> Part<'_, S> {
     /// The constant gap that all grains keep beyond their rule, up to a most; pairs that are not listed keep that.
     pub(super) fn kept_gap(&self, most: f64) -> f64 {
         let mut kept = most;
-        for (i, (hot, cold)) in self.hot.iter().zip(&self.cold).enumerate() {
+        for i in self.hot.range() {
+            let (hot, cold) = (&self.hot[i], &self.cold[i]);
             for group in &self.groups[cold.list.groups()] {
                 for lane in 0..LANES {
                     let neighbor = group.neighbors[lane];
                     if neighbor == NOBODY || is_wall(neighbor) {
                         continue;
                     }
-                    let (j, image) = self.names.read(neighbor);
+                    let (j, image) = self.frame.names.read(neighbor);
                     // Each pair once.
                     if j >= i {
                         let other = &self.hot[j];
-                        let r = minus(sum(other.center, self.shift(image)), hot.center);
-                        let least = self.rule.gap_mm(hot.d, other.d);
+                        let r = minus(sum(other.center, self.frame.shift(image)), hot.center);
+                        let least = self.frame.rule.gap_mm(hot.d, other.d);
                         let turned = [&hot.turned, &other.turned];
-                        kept = of_pair(turned, r, group.unit(lane), [least, self.more, kept], hot.d);
+                        kept = of_pair(turned, r, group.unit(lane), [least, self.frame.more, kept], hot.d);
                     }
                 }
             }
             if cold.list.is_near_itself() {
-                let least = self.rule.gap_mm(hot.d, hot.d);
+                let least = self.frame.rule.gap_mm(hot.d, hot.d);
                 for r in self.own_images_near(&hot.turned, least + kept) {
                     let along = scaled(r, 1.0 / norm(r));
-                    kept = of_pair([&hot.turned; 2], r, along, [least, self.more, kept], hot.d);
+                    kept = of_pair([&hot.turned; 2], r, along, [least, self.frame.more, kept], hot.d);
                 }
             }
-            if self.wall_share > 0.0 {
-                let slack = |wall: u32| -self.beyond_wall(wall, hot);
-                let least = self.container.walls().map(slack).fold(self.lateral_slack(hot).0, f64::min);
-                kept = kept.min(self.more + least / self.wall_share);
+            if self.frame.wall_share > 0.0 {
+                let slack = |wall: u32| -self.frame.beyond_wall(wall, hot);
+                let least = self.frame.container.walls().map(slack).fold(self.lateral_slack(hot).0, f64::min);
+                kept = kept.min(self.frame.more + least / self.frame.wall_share);
             }
         }
         kept

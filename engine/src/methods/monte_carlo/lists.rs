@@ -6,13 +6,14 @@
 //! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
-use super::planes::{Decided, Group, LANES, MAX_GRAINS, WALL, normal};
-use super::system::System;
+use super::planes::MAX_GRAINS;
+use super::system::{Cold, Frame, Hot, System};
 use crate::arrays::Each as _;
-use crate::elementary::{cbrt, hypot, ln};
+use crate::elementary::{cbrt, ln};
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Symmetric, Vector, dot, minus, norm, scaled, sum};
-use crate::memory::{Blocks, OutOfMemory, refill};
+use crate::memory::{Blocks, OutOfMemory, refill, reserved};
+use crate::threads::share;
 
 /// Largest ratio of radii in a level.
 const LEVEL_RATIO: f64 = 1.6;
@@ -38,13 +39,13 @@ struct Level {
 pub(super) struct Lists {
     levels: Vec<Level>,
     level_of: Vec<u8>,
-    /// Each pair once, as the second grain with its image; those of the first grain `i` end before `ends[i]`. Their
-    /// directions are found a second time: kept, they would take 24 bytes a pair.
-    pairs: Blocks<u32>,
-    ends: Vec<u32>,
-    next: Vec<u32>,
+    /// Each pair once, as the second grain with its image, by the leaf of the first one; those of the first grain `i`
+    /// end before `ends[i]` there. Their directions are found a second time: kept, they would take 24 bytes a pair.
+    pub(super) pairs: Vec<Blocks<u32>>,
+    pub(super) ends: Vec<u32>,
+    pub(super) next: Vec<u32>,
     /// By how much the gaps may widen.
-    reserve: f64,
+    pub(super) reserve: f64,
 }
 
 impl Lists {
@@ -91,7 +92,7 @@ impl Lists {
             *top = (top.0.max(reach), top.1 + 1);
         }
         self.levels.resize_with(tops.len(), Level::default);
-        let bounds = system.container.bounds.each(|length| length * system.stretch);
+        let bounds = system.frame.container.bounds.each(|length| length * system.frame.stretch);
         for (number, (level, (reach, count))) in self.levels.iter_mut().zip(tops).enumerate() {
             let sparse = cbrt(bounds.iter().product::<f64>() / (CELLS_PER_GRAIN * count.max(1) as f64));
             let width = reach.max(sparse);
@@ -122,63 +123,79 @@ impl Lists {
 
     /// How far a grain reaches from its centre: radius, skin and half the gap.
     #[inline(always)]
-    fn reach(&self, system: &System<impl ConvexShape>, i: usize) -> f64 {
+    pub(super) fn reach(&self, system: &System<impl ConvexShape>, i: usize) -> f64 {
         let (cold, d) = (&system.cold[i], system.hot[i].d);
-        cold.shape.outer_mm() + cold.skin + (system.gap(d, d) + self.reserve) / 2.0
+        cold.shape.outer_mm() + cold.skin + (system.frame.gap(d, d) + self.reserve) / 2.0
     }
 
-    /// Finds the pairs: each grain looks at its own level and at the finer ones.
+    /// Finds the pairs, those of the grains of each leaf on one of the threads.
     fn find(&mut self, system: &System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
         self.next = Vec::new();
-        let mut pairs = Blocks::default();
-        refill(&mut self.ends, system.len(), 0)?;
-        let images = system.images.scaled(system.stretch);
-        for i in 0..system.len() {
+        let mut ends = std::mem::take(&mut self.ends);
+        refill(&mut ends, system.len(), 0)?;
+        let mut pieces: Vec<Found<'_>> = reserved(system.halves.leaves())?;
+        let mut left = ends.as_mut_slice();
+        for leaf in 0..system.halves.leaves() {
+            let (first, count) = system.halves.leaf(leaf);
+            let (ends, others) = left.split_at_mut(count);
+            left = others;
+            pieces.push(Found { first, ends, pairs: Blocks::default(), refused: None });
+        }
+        share(system.threads, &mut pieces, |_, piece| self.find_of(system, piece, shrink));
+        for Found { pairs, refused, .. } in pieces {
+            refused.map_or(Ok(()), Err)?;
+            self.pairs.push(pairs);
+        }
+        self.ends = ends;
+        Ok(())
+    }
+
+    /// Finds the pairs of the grains of a leaf: each grain looks at its own level and at the finer ones.
+    fn find_of(&self, system: &System<impl ConvexShape>, piece: &mut Found<'_>, shrink: f64) {
+        let images = system.frame.images.scaled(system.frame.stretch);
+        for (i, end) in (piece.first..).zip(&mut *piece.ends) {
             let own = usize::from(self.level_of[i]);
             let (center, own_reach) = (system.hot[i].center, self.reach(system, i));
             for (number, level) in self.levels.iter().enumerate().skip(own) {
                 // Distances are as they will be when the specimen has shrunk.
                 let reach = (own_reach + level.reach) * shrink;
                 for steps in images.boxes_met(center, [reach; 3]) {
-                    let image = system.names.code(steps);
-                    let shift = system.shift(image);
+                    let image = system.frame.names.code(steps);
+                    let shift = system.frame.shift(image);
                     let seen_from = minus(center, shift);
-                    let mut refused = None;
                     level.for_each_near(seen_from, reach, |j| {
                         let is_first = number > own || (j as usize) > i;
-                        if !is_first || refused.is_some() {
+                        if !is_first || piece.refused.is_some() {
                             return;
                         }
-                        if self.direction(system, i, j as usize, shift, shrink).is_some() {
-                            pairs.push(system.names.name(j as usize, image), &mut refused);
+                        let ends = [i, j as usize].map(|i| (&system.hot[i], &system.cold[i]));
+                        if self.direction(&system.frame, ends, shift, shrink).is_some() {
+                            let name = system.frame.names.name(j as usize, image);
+                            piece.pairs.push(name, &mut piece.refused);
                         }
                     });
-                    if let Some(refused) = refused {
-                        return Err(refused);
+                    if piece.refused.is_some() {
+                        return;
                     }
                 }
             }
-            self.ends[i] = pairs.len() as u32;
+            *end = piece.pairs.len() as u32;
         }
-        self.pairs = pairs;
-        Ok(())
     }
 
     /// Of two neighbours, a direction near that of their gap; `None` if they are none.
     #[inline(always)]
-    fn direction<S: ConvexShape>(
+    pub(super) fn direction<S: ConvexShape>(
         &self,
-        system: &System<S>,
-        i: usize,
-        j: usize,
+        frame: &Frame,
+        [(one, cold), (other, other_cold)]: [Grain<'_, S>; 2],
         shift: Vector,
         shrink: f64,
     ) -> Option<Vector> {
-        let (one, other) = (&system.hot[i], &system.hot[j]);
         let r = sum(minus(other.center, one.center), shift);
-        let gap = system.gap(one.d, other.d) + self.reserve;
-        let skins = system.cold[i].skin + system.cold[j].skin + gap;
-        let far = (system.cold[i].shape.outer_mm() + system.cold[j].shape.outer_mm() + skins) * shrink;
+        let gap = frame.gap(one.d, other.d) + self.reserve;
+        let skins = cold.skin + other_cold.skin + gap;
+        let far = (cold.shape.outer_mm() + other_cold.shape.outer_mm() + skins) * shrink;
         let r2 = dot(r, r);
         if r2 >= far * far {
             return None;
@@ -207,75 +224,18 @@ impl Lists {
         }
         Some(best.1)
     }
+}
 
-    /// Lays the planes of all pairs and walls out in groups, and between the grains.
-    fn lay_out(&mut self, system: &mut System<impl ConvexShape>, shrink: f64) -> Result<(), OutOfMemory> {
-        let n = system.len();
-        refill(&mut self.next, n, 0)?;
-        let mut first = 0;
-        for (i, &end) in self.ends.iter().enumerate() {
-            self.next[i] += end - first;
-            first = end;
-        }
-        for &pair in self.pairs.iter() {
-            self.next[system.names.read(pair).0] += 1;
-        }
-        let mut total = 0_usize;
-        for i in 0..n {
-            let walls = walls(system, i, shrink, self.reserve);
-            let lanes = self.next[i] as usize + walls.count_ones() as usize;
-            let count = lanes.div_ceil(LANES);
-            system.cold[i].list.set_groups(total, count);
-            self.next[i] = (LANES * total) as u32;
-            total += count;
-        }
-        system.groups = {
-            let mut groups = std::mem::take(&mut system.groups);
-            refill(&mut groups, total, Group::EMPTY)?;
-            groups
-        };
-        for i in 0..n {
-            let walls = walls(system, i, shrink, self.reserve);
-            for wall in system.container.walls().filter(|wall| walls >> wall & 1 == 1) {
-                let at = self.next[i] as usize;
-                self.next[i] += 1;
-                system.groups[at / LANES].neighbors[at % LANES] = WALL + wall;
-                system.lay_wall(i, at / LANES, at % LANES, system.hot[i].d);
-            }
-            let reach = self.reach(system, i) * shrink;
-            let (is_near_lateral, is_near_itself) = is_special(system, i, reach, shrink, self.reserve);
-            system.cold[i].list.mark_near(is_near_lateral, is_near_itself);
-        }
-        let pairs = std::mem::take(&mut self.pairs);
-        let mut pairs = pairs.iter();
-        let mut first = 0;
-        for i in 0..n {
-            for &pair in pairs.by_ref().take((self.ends[i] - first) as usize) {
-                self.lay_pair(system, i, pair, shrink);
-            }
-            first = self.ends[i];
-        }
-        Ok(())
-    }
+/// A grain, as lists know it.
+pub(super) type Grain<'a, S> = (&'a Hot<<S as ConvexShape>::Turned>, &'a Cold<S>);
 
-    /// Enters a pair with both grains and lays its first planes.
-    fn lay_pair(&mut self, system: &mut System<impl ConvexShape>, i: usize, neighbor: u32, shrink: f64) {
-        let (j, image) = system.names.read(neighbor);
-        let Some(n) = self.direction(system, i, j, system.shift(image), shrink) else { return };
-        let [at, mirror] = [i, j].each(|grain| {
-            let at = self.next[grain] as usize;
-            self.next[grain] += 1;
-            at
-        });
-        let mut put = |at: usize, neighbor: u32, of: usize, mirror: usize| {
-            let place = mirror - LANES * system.cold[of].list.first as usize;
-            system.groups[at / LANES].enter(at % LANES, neighbor, place);
-        };
-        put(at, neighbor, j, mirror);
-        let mirrored = system.names.name(i, system.names.opposite(image));
-        put(mirror, mirrored, i, at);
-        system.lay_first(i, at, n);
-    }
+/// The pairs of the grains of a leaf.
+struct Found<'a> {
+    first: usize,
+    /// As in [`Lists`].
+    ends: &'a mut [u32],
+    pairs: Blocks<u32>,
+    refused: Option<OutOfMemory>,
 }
 
 impl Level {
@@ -301,57 +261,6 @@ impl Level {
                 let range = self.starts[row + xs.start] as usize..self.starts[row + xs.end] as usize;
                 self.grains[range].iter().for_each(|&j| visit(j));
             }
-        }
-    }
-}
-
-/// The plane walls that a grain can come close to, as bits.
-fn walls(system: &System<impl ConvexShape>, i: usize, shrink: f64, reserve: f64) -> u32 {
-    let (hot, cold) = (&system.hot[i], &system.cold[i]);
-    let mut walls = 0;
-    for wall in system.container.walls() {
-        let (normal, offset) = system.container.wall(wall);
-        let half = system.hot[i].turned.around().quadratic(normal).sqrt();
-        // As it will be when the specimen has shrunk.
-        let reach = (half + cold.skin + system.wall_gap(hot.d) + reserve) * shrink;
-        walls |= u32::from(dot(hot.center, normal) - offset * system.stretch < reach) << wall;
-    }
-    walls
-}
-
-/// Whether a grain can come close to the lateral surface of a cylinder, and to an image of its own.
-fn is_special(
-    system: &System<impl ConvexShape>,
-    i: usize,
-    reach: f64,
-    shrink: f64,
-    reserve: f64,
-) -> (bool, bool) {
-    let (hot, cold) = (&system.hot[i], &system.cold[i]);
-    let is_near_lateral = system.container.lateral.is_some_and(|radius| {
-        let axis = radius * system.stretch;
-        let far = hypot(hot.center[0] - axis, hot.center[1] - axis);
-        far + (cold.shape.outer_mm() + cold.skin + system.wall_gap(hot.d) + reserve) * shrink >= axis
-    });
-    let shortest = system.container.bounds.into_iter().fold(f64::INFINITY, f64::min) * system.stretch;
-    (is_near_lateral, system.container.is_periodic && 2.0 * reach >= shortest)
-}
-
-impl<S: ConvexShape> System<S> {
-    /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
-    pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
-        let (inward, offset) = self.container.wall(wall);
-        (inward.each(|x| -x), -offset * self.stretch - self.wall_gap(d))
-    }
-
-    /// Lays the first planes between two neighbours, along a direction near that of their gap.
-    fn lay_first(&mut self, i: usize, at: usize, n: Vector) {
-        let (group, lane) = (at / LANES, at % LANES);
-        self.groups[group].set(lane, normal(n), 0.0);
-        let hot = self.hot[i];
-        match self.decide(i, &hot, group, lane) {
-            Decided::Apart(planes) => self.lay(&planes),
-            Decided::TooClose(n) => self.lay_between(i, group, lane, n),
         }
     }
 }

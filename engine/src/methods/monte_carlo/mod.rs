@@ -5,15 +5,18 @@
 //! shrinks onto the grains, which push each other out of the way (`push`). What the pushes leave is undone in part, so
 //! that every cycle ends with a valid packing at its scale.
 //!
-//! From the inside out: `system` has the grains, `planes` the test that all moves share, `lists` finds the neighbours,
-//! and `run` strings cycles together.
+//! From the inside out: `system` has the grains, `planes` the test that all moves share, `lists` finds the neighbours
+//! and `lay_out` lays the planes between them, `halves` says which grains threads may move at the same time, and `run`
+//! strings cycles together.
 
 // A call per pair costs more than the test of a pair.
 #![allow(clippy::inline_always)]
 // Axes and lanes are indexed in several arrays at once.
 #![allow(clippy::needless_range_loop)]
 
+mod halves;
 mod kept;
+mod lay_out;
 mod lists;
 mod own_images;
 mod planes;
@@ -25,8 +28,10 @@ mod system;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests;
+mod window;
 
 use std::io::{self, Write};
+use std::num::NonZeroUsize;
 use std::time::Instant;
 
 use crate::control::{Control, Part, StopToFinish};
@@ -44,6 +49,7 @@ use crate::request::GrowthStop;
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::Pose;
+pub(crate) use halves::LEAST_CUT;
 pub use planes::MAX_GRAINS;
 use run::{MOST_SKIN_OVER_D, Run};
 
@@ -112,6 +118,8 @@ pub struct MonteCarlo<'a, S> {
     /// Whether the packing is kept that was reached when a limit or a jam ended growth before its target, so that a
     /// last checkpoint may be wanted.
     pub keeps_partial: bool,
+    /// Most threads; the outcome does not depend on their number.
+    pub threads: NonZeroUsize,
 }
 
 /// Keeps a checkpoint whose body the argument writes.
@@ -202,6 +210,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 rule: self.rule.scaled(scale),
                 attempts_per_grain: Some(START_ATTEMPTS),
                 attempts_in: AttemptsIn::Reach,
+                threads: self.threads,
                 orientation: self.orientation,
             };
             let outcome = rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control);

@@ -3,20 +3,20 @@
 //! The images keep their offsets and turn with the grain.
 
 use super::planes::PUSH_TURNS;
-use super::system::{Hot, System};
+use super::system::{Hot, Part};
 use crate::arrays::Each as _;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, minus, norm, scaled};
 
-impl<S: ConvexShape> System<S> {
+impl<S: ConvexShape> Part<'_, S> {
     /// The offsets of the images in which a grain with this gap can meet itself, one of each two opposite ones.
     #[inline(always)]
     pub(super) fn own_images_near(&self, turned: &S::Turned, gap: f64) -> impl Iterator<Item = Vector> {
         // The trace of the shape matrix is the sum of the squared semi-axes.
         let [xx, _, _, yy, _, zz] = turned.around().0;
-        let reach = (2.0 * (xx + yy + zz).sqrt() + gap) / self.stretch;
-        let near = self.own_images.iter().take_while(move |(_, distance)| *distance < reach);
-        near.map(|(offset, _)| offset.each(|x| x * self.stretch))
+        let reach = (2.0 * (xx + yy + zz).sqrt() + gap) / self.frame.stretch;
+        let near = self.frame.own_images.iter().take_while(move |(_, distance)| *distance < reach);
+        near.map(|(offset, _)| offset.each(|x| x * self.frame.stretch))
     }
 
     /// Whether a grain of a periodic box keeps its gap to its own images.
@@ -27,7 +27,7 @@ impl<S: ConvexShape> System<S> {
     /// The image of its own that a grain comes closer to than its gap, by its offset, and a unit vector along which it
     /// does.
     pub(super) fn own_image_met(&self, hot: &Hot<S::Turned>) -> Option<(Vector, Vector)> {
-        let gap = self.gap(hot.d, hot.d);
+        let gap = self.frame.gap(hot.d, hot.d);
         self.own_images_near(&hot.turned, gap).find_map(|r| {
             let decision = hot.turned.decide(&hot.turned, r, gap, r);
             let n = decision.normal;
@@ -43,7 +43,7 @@ impl<S: ConvexShape> System<S> {
         turns: u32,
         mut visit: impl FnMut(f64, f64),
     ) {
-        let gap = self.gap(hot.d, hot.d);
+        let gap = self.frame.gap(hot.d, hot.d);
         for r in self.own_images_near(&hot.turned, gap) {
             let decision = hot.turned.decide(&hot.turned, r, gap, r);
             if !decision.is_apart {
@@ -60,7 +60,7 @@ impl<S: ConvexShape> System<S> {
     /// support functions is `w · ((x_A - x_B) × n)`, with the arms `x` from the centres to the points of contact.
     pub(super) fn turn_from_itself(&mut self, i: usize, r: Vector, n: Vector, [beyond, beyond_d]: [f64; 2]) {
         let hot = self.hot[i];
-        let gap = self.gap(hot.d, hot.d);
+        let gap = self.frame.gap(hot.d, hot.d);
         let contact = hot.turned.contact(&hot.turned, r, gap, n, PUSH_TURNS);
         let ([h_a, h_b], [arm_a, arm_b]) = (contact.supports_mm, contact.arms_mm);
         let by = beyond * (gap + h_a + h_b - dot(r, contact.normal)) + beyond_d * hot.d;

@@ -21,7 +21,8 @@
 
 use std::marker::PhantomData;
 
-use super::system::{Hot, System};
+use super::system::{Frame, Hot, Part};
+use super::window::Window;
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes};
 use crate::gap::grain::{ConvexShape, PushContact, Turned};
@@ -118,6 +119,17 @@ impl Group {
         self.offsets[lane] = offset;
     }
 
+    /// What a lane has of a pair.
+    #[inline(always)]
+    pub(super) fn pair(&self, group: usize, lane: usize) -> Pair {
+        Pair {
+            at: (LANES * group + lane) as u32,
+            neighbor: self.neighbors[lane],
+            mirror: self.mirrors[lane],
+            normal: self.stored_normal(lane),
+        }
+    }
+
     /// Enters a neighbour whose plane lies at this place of its list.
     pub(super) fn enter(&mut self, lane: usize, neighbor: u32, place: usize) {
         self.neighbors[lane] = neighbor;
@@ -179,6 +191,28 @@ impl<L: Lanes, T: Turned> Spread<L, T> {
     }
 }
 
+/// A grain's pair with a neighbour: the place of its plane, four times the group plus the lane; the neighbour with its
+/// image, and the place of the plane of the neighbour in its list or [`FAR`]; and a normal.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    pub(super) at: u32,
+    pub(super) neighbor: u32,
+    mirror: u16,
+    normal: Normal,
+}
+
+impl Pair {
+    /// The same along the normal nearest to this unit vector.
+    pub(super) fn along(self, n: Vector) -> Self {
+        Self { normal: normal(n), ..self }
+    }
+
+    /// Whether the place of the plane of the neighbour has to be looked for.
+    pub(super) fn is_far(&self) -> bool {
+        self.mirror == FAR
+    }
+}
+
 /// Planes between two grains that are apart, to be laid when a move is made.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NewPlanes {
@@ -188,6 +222,19 @@ pub(super) struct NewPlanes {
     normal: Normal,
     offset: f32,
     other_offset: f32,
+}
+
+impl NewPlanes {
+    /// Lays one of the two: the plane of the grain, or that of its neighbour.
+    #[inline(always)]
+    pub(super) fn lay(&self, groups: &mut Window<'_, Group>, at: u32) {
+        let (group, lane) = (at as usize / LANES, at as usize % LANES);
+        if at == self.at {
+            groups[group].set(lane, self.normal, self.offset);
+        } else {
+            groups[group].set(lane, self.normal.each(|c| -c), self.other_offset);
+        }
+    }
 }
 
 /// What a pair turned out to be.
@@ -207,7 +254,16 @@ struct Along {
     slack: f64,
 }
 
-impl<S: ConvexShape> System<S> {
+impl Frame {
+    /// How far a grain reaches beyond the plane of a wall that it stays behind, in mm.
+    #[inline(always)]
+    pub(super) fn beyond_wall<T: Turned>(&self, wall: u32, grain: &Hot<T>) -> f64 {
+        let (n, o) = self.wall_plane(wall, grain.d);
+        dot(grain.center, n) + grain.turned.support_mm(n) - o
+    }
+}
+
+impl<S: ConvexShape> Part<'_, S> {
     /// A grain in four lanes.
     #[inline(always)]
     pub(super) fn spread<I: InstructionSet>(
@@ -232,7 +288,7 @@ impl<S: ConvexShape> System<S> {
         let planes = &self.groups[group];
         let neighbor = planes.neighbors[lane];
         if is_wall(neighbor) {
-            return self.beyond_wall(neighbor - WALL, as_if) > 0.0;
+            return self.frame.beyond_wall(neighbor - WALL, as_if) > 0.0;
         }
         if S::Turned::IS_ELLIPSOID {
             return true;
@@ -242,25 +298,28 @@ impl<S: ConvexShape> System<S> {
         dot(from_listed, n) + as_if.turned.support_mm(n) > f64::from(planes.offsets[lane]) - more
     }
 
-    /// How far a grain reaches beyond the plane of a wall that it stays behind, in mm.
-    #[inline(always)]
-    pub(super) fn beyond_wall(&self, wall: u32, grain: &Hot<S::Turned>) -> f64 {
-        let (n, o) = self.wall_plane(wall, grain.d);
-        dot(grain.center, n) + grain.turned.support_mm(n) - o
-    }
-
     /// Decides the pair of a grain's plane, where the grain is this one.
     #[inline(always)]
     pub(super) fn decide(&self, i: usize, as_if: &Hot<S::Turned>, group: usize, lane: usize) -> Decided {
-        let planes = &self.groups[group];
-        let (j, image) = self.names.read(planes.neighbors[lane]);
+        self.decide_pair(i, as_if, self.groups[group].pair(group, lane))
+    }
+
+    /// The same for a pair that may not have been laid yet.
+    #[inline(always)]
+    pub(super) fn decide_pair(&self, i: usize, as_if: &Hot<S::Turned>, pair: Pair) -> Decided {
+        let (j, image) = self.frame.names.read(pair.neighbor);
         let other = &self.hot[j];
-        let at = if self.container.is_periodic { sum(other.center, self.shift(image)) } else { other.center };
+        let at = if self.frame.container.is_periodic {
+            sum(other.center, self.frame.shift(image))
+        } else {
+            other.center
+        };
         let r = minus(at, as_if.center);
-        let gap = self.gap(as_if.d, other.d);
-        let mut along = along(as_if, other, r, gap, planes.stored_normal(lane));
+        let gap = self.frame.gap(as_if.d, other.d);
+        let mut along = along(as_if, other, r, gap, pair.normal);
         if along.slack < 0.0 {
-            let decision = as_if.turned.decide(&other.turned, r, gap, planes.unit(lane));
+            let n = pair.normal.each(f64::from);
+            let decision = as_if.turned.decide(&other.turned, r, gap, scaled(n, 1.0 / norm(n)));
             let n = scaled(decision.normal, 1.0 / norm(decision.normal));
             if !decision.is_apart {
                 return Decided::TooClose(n);
@@ -274,30 +333,23 @@ impl<S: ConvexShape> System<S> {
                 }
             }
         }
-        Decided::Apart(self.between(i, as_if, [group, lane], along))
+        Decided::Apart(self.between(i, as_if, pair, along))
     }
 
     /// The planes between a grain and a neighbour that share the slack. Without any, a plane behind which one of the
     /// two is would prove nothing, for the other is not behind its own: both cross theirs wherever they are.
     #[inline(always)]
-    fn between(
-        &self,
-        i: usize,
-        as_if: &Hot<S::Turned>,
-        [group, lane]: [usize; 2],
-        along: Along,
-    ) -> NewPlanes {
-        let planes = &self.groups[group];
-        let (j, image) = self.names.read(planes.neighbors[lane]);
+    fn between(&self, i: usize, as_if: &Hot<S::Turned>, pair: Pair, along: Along) -> NewPlanes {
+        let (j, image) = self.frame.names.read(pair.neighbor);
         let (one, other) = (&self.cold[i], &self.cold[j]);
         let share = one.step / (one.step + other.step);
         let Along { normal, supports: [h_a, h_b], slack } = along;
         let n = normal.each(f64::from);
-        let place = match planes.mirrors[lane] {
-            FAR => self.place_of(j, self.names.name(i, self.names.opposite(image))),
+        let place = match pair.mirror {
+            FAR => self.place_of(j, self.frame.names.name(i, self.frame.names.opposite(image))),
             place => u32::from(place),
         };
-        let (at, mirror) = ((LANES * group + lane) as u32, LANES as u32 * other.list.first + place);
+        let (at, mirror) = (pair.at, LANES as u32 * other.list.first + place);
         if slack < 0.0 {
             return NewPlanes { at, mirror, normal, offset: -NEVER, other_offset: -NEVER };
         }
@@ -325,7 +377,7 @@ impl<S: ConvexShape> System<S> {
     /// The planes between a grain and a neighbour where they keep their gap; else where they push each other.
     #[inline(always)]
     pub(super) fn touch(&self, i: usize, group: usize, lane: usize) -> Result<NewPlanes, PushContact> {
-        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
+        let (j, image) = self.frame.names.read(self.groups[group].neighbors[lane]);
         let (one, other) = (&self.hot[i], &self.hot[j]);
         let mut n = self.groups[group].unit(lane);
         if S::Turned::IS_ELLIPSOID {
@@ -334,46 +386,48 @@ impl<S: ConvexShape> System<S> {
                 Decided::TooClose(too_close) => n = too_close,
             }
         }
-        let r = minus(sum(other.center, self.shift(image)), one.center);
-        let gap = self.gap(one.d, other.d);
+        let r = minus(sum(other.center, self.frame.shift(image)), one.center);
+        let gap = self.frame.gap(one.d, other.d);
         if !S::Turned::IS_ELLIPSOID {
             // One search finds whether polyhedra are apart and where they push.
             let along = along(one, other, r, gap, self.groups[group].stored_normal(lane));
             if along.slack >= 0.0 {
-                return Ok(self.between(i, one, [group, lane], along));
+                return Ok(self.between(i, one, self.groups[group].pair(group, lane), along));
             }
         }
         let contact = one.turned.contact(&other.turned, r, gap, n, PUSH_TURNS);
         let [h_a, h_b] = contact.supports_mm;
         if !S::Turned::IS_ELLIPSOID && dot(r, contact.normal) - h_a - h_b - gap >= 0.0 {
             let along = along(one, other, r, gap, normal(contact.normal));
-            return Ok(self.between(i, one, [group, lane], along));
+            return Ok(self.between(i, one, self.groups[group].pair(group, lane), along));
         }
         Err(contact)
     }
 
     #[inline(always)]
     pub(super) fn lay(&mut self, planes: &NewPlanes) {
-        let place = |at: u32| (at as usize / LANES, at as usize % LANES);
-        let (group, lane) = place(planes.at);
-        self.groups[group].set(lane, planes.normal, planes.offset);
-        let (group, lane) = place(planes.mirror);
-        self.groups[group].set(lane, planes.normal.each(|c| -c), planes.other_offset);
+        planes.lay(&mut self.groups, planes.at);
+        planes.lay(&mut self.groups, planes.mirror);
     }
 
     /// Lays planes along this unit vector between a grain and a neighbour, wherever the two are.
     pub(super) fn lay_between(&mut self, i: usize, group: usize, lane: usize, n: Vector) {
-        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
+        self.lay(&self.planes_along(i, self.groups[group].pair(group, lane), n));
+    }
+
+    /// Planes along this unit vector between a grain and a neighbour, wherever the two are.
+    pub(super) fn planes_along(&self, i: usize, pair: Pair, n: Vector) -> NewPlanes {
+        let (j, image) = self.frame.names.read(pair.neighbor);
         let (one, other) = (&self.hot[i], &self.hot[j]);
-        let r = minus(sum(other.center, self.shift(image)), one.center);
-        let along = along(one, other, r, self.gap(one.d, other.d), normal(n));
-        self.lay(&self.between(i, one, [group, lane], along));
+        let r = minus(sum(other.center, self.frame.shift(image)), one.center);
+        let along = along(one, other, r, self.frame.gap(one.d, other.d), normal(n));
+        self.between(i, one, pair, along)
     }
 
     /// Lays the plane of a wall that a grain of this diameter stays behind.
     pub(super) fn lay_wall(&mut self, i: usize, group: usize, lane: usize, d: f64) {
         let wall = self.groups[group].neighbors[lane] - WALL;
-        let (n, o) = self.wall_plane(wall, d);
+        let (n, o) = self.frame.wall_plane(wall, d);
         let offset = below(UNIT * (o - dot(self.cold[i].listed_center, n)));
         self.groups[group].set(lane, normal(n), offset);
     }

@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use rand_xoshiro::rand_core::SeedableRng as _;
 
+use super::super::halves::Halves;
 use super::super::lists::Lists;
+use super::super::system::System;
 use super::*;
 use crate::distance::DistanceRule;
 use crate::mix::uniform_orientation;
@@ -13,7 +15,7 @@ use crate::request::{Boundary, Distance, Specimen};
 use crate::rng::uniform;
 use crate::shape::{Ellipsoid, Pose};
 
-/// Ellipsoids anywhere in a box, some of them in one another, with their lists.
+/// Ellipsoids anywhere in a box, some of them in one another, with their lists; every second time in eight leaves.
 fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
     let rng = &mut rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(seed);
     let boundary = if is_periodic { Boundary::Periodic } else { Boundary::Walls };
@@ -28,6 +30,9 @@ fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
     }
     let rule = DistanceRule::new(&distance, &specimen);
     let mut system = System::new(&specimen.domain(), rule, &shapes, poses).unwrap();
+    if seed.is_multiple_of(2) {
+        system.halves = Halves::with_least(shapes.len(), 5);
+    }
     system.cold.iter_mut().for_each(|cold| cold.skin = 0.3);
     Lists::default().build(&mut system, 0.98, 0.05).unwrap();
     system
@@ -35,9 +40,10 @@ fn system(seed: u64, is_periodic: bool) -> System<Ellipsoid> {
 
 /// Holds every plane against that of its neighbour, or the wall; returns by how much two planes are farther apart than
 /// their gap at most, in mm, and whether a pair that keeps its gap along its normal always crosses its planes.
-fn held(system: &System<Ellipsoid>) -> (f64, bool) {
+fn held(system: &mut System<Ellipsoid>) -> (f64, bool) {
     let (mut widest, mut is_open) = (0.0_f64, false);
-    for i in 0..system.len() {
+    let system = system.part();
+    for i in system.hot.range() {
         let cold = &system.cold[i];
         let groups = cold.list.groups();
         for (group, lane) in groups.flat_map(|group| (0..LANES).map(move |lane| (group, lane))) {
@@ -48,27 +54,27 @@ fn held(system: &System<Ellipsoid>) -> (f64, bool) {
             }
             let offset = f64::from(planes.offsets[lane]) + dot(cold.listed_center, n);
             if is_wall(neighbor) {
-                assert!(offset <= UNIT * system.wall_plane(neighbor - WALL, system.hot[i].d).1 + 1e-9);
+                assert!(offset <= UNIT * system.frame.wall_plane(neighbor - WALL, system.hot[i].d).1 + 1e-9);
                 continue;
             }
-            let (j, image) = system.names.read(neighbor);
-            let place = system.place_of(j, system.names.name(i, system.names.opposite(image)));
+            let (j, image) = system.frame.names.read(neighbor);
+            let place = system.place_of(j, system.frame.names.name(i, system.frame.names.opposite(image)));
             assert_eq!(u32::from(planes.mirrors[lane]), place);
             let (there, other) = (place as usize, &system.cold[j]);
             let mirror = &system.groups[other.list.first as usize + there / LANES];
             assert_eq!(mirror.normal(there % LANES), n.each(|c| -c));
             if planes.offsets[lane] < -1e29 {
                 assert!(mirror.offsets[there % LANES] < -1e29);
-                let r = minus(sum(system.hot[j].center, system.shift(image)), system.hot[i].center);
-                let gap = system.gap(system.hot[i].d, system.hot[j].d);
+                let r = minus(sum(system.hot[j].center, system.frame.shift(image)), system.hot[i].center);
+                let gap = system.frame.gap(system.hot[i].d, system.hot[j].d);
                 is_open |=
                     along(&system.hot[i], &system.hot[j], r, gap, planes.stored_normal(lane)).slack >= 0.0;
                 continue;
             }
             // Across the two planes, seen from this grain.
             let other_offset = f64::from(mirror.offsets[there % LANES]) - dot(other.listed_center, n);
-            let apart = dot(system.shift(image), n) - offset - other_offset;
-            let more = apart / norm(n) - system.gap(system.hot[i].d, system.hot[j].d);
+            let apart = dot(system.frame.shift(image), n) - offset - other_offset;
+            let more = apart / norm(n) - system.frame.gap(system.hot[i].d, system.hot[j].d);
             assert!(more >= -1e-12, "{more} mm");
             widest = widest.max(more);
         }
@@ -84,16 +90,43 @@ properties! {
         let mut system = system(seed, is_periodic);
         prop_assert!(system.groups.iter().flat_map(|group| group.neighbors).any(|neighbor| neighbor < WALL));
         // Single precision rounds lengths of 10 mm by 1e-6 mm.
-        let (widest, is_open) = held(&system);
+        let (widest, is_open) = held(&mut system);
         prop_assert!(widest < 3e-6 && !is_open);
         for factor in [0.99, 1.004, 0.999] {
             system.scale(factor);
-            held(&system);
+            held(&mut system);
         }
         for by in [0.03, -0.04, 0.02] {
             system.widen_gaps(by);
-            held(&system);
+            held(&mut system);
         }
+    }
+
+    #[test]
+    fn grains_have_their_neighbours_in_the_ranges_that_they_belong_to(seed in any::<u64>()) {
+        let system = system(seed & !1, false);
+        let leaf = |site: usize| system.halves.leaves() + system.halves.leaf_of(site);
+        let mut seen = [0, 0];
+        for (i, cold) in system.cold.iter().enumerate() {
+            let range = system.halves.range_of(i);
+            let groups = &system.groups[cold.list.groups()];
+            let neighbors = groups.iter().flat_map(|group| group.neighbors).filter(|&neighbor| neighbor < WALL);
+            let sites = neighbors.map(|neighbor| system.frame.names.read(neighbor).0).chain([i]);
+            // A number and those that it came from by halving.
+            let is_within = |site: usize, range: usize| (0..4).any(|level| leaf(site) >> level == range);
+            let halves = [2 * range, 2 * range + 1];
+            let mut reached = [false; 2];
+            for site in sites {
+                prop_assert!(is_within(site, range));
+                for (reached, half) in reached.iter_mut().zip(halves) {
+                    *reached |= is_within(site, half);
+                }
+            }
+            let is_leaf = range >= system.halves.leaves();
+            prop_assert!(is_leaf || reached == [true; 2], "a smaller range has them all");
+            seen[usize::from(is_leaf)] += 1;
+        }
+        prop_assert_eq!(seen[0] + seen[1], system.len());
     }
 
     #[test]
@@ -107,7 +140,7 @@ properties! {
         }
         // Some grains lie in one another.
         prop_assert!(!system.is_clear());
-        let (widest, is_open) = held(&system);
+        let (widest, is_open) = held(&mut system);
         prop_assert!(widest < 3e-6 && !is_open);
     }
 
@@ -155,8 +188,10 @@ fn a_place_beyond_sixteen_bits_is_looked_for() {
     group.enter(2, 9, 70_000);
     assert_eq!(group.mirrors, [65_534, FAR, FAR, FAR]);
     let mut system = system(1, true);
-    let found = |system: &System<Ellipsoid>| -> Vec<u32> {
-        let pairs = (0..system.len()).flat_map(|i| system.cold[i].list.groups().map(move |group| (i, group)));
+    let found = |system: &mut System<Ellipsoid>| -> Vec<u32> {
+        let system = &system.part();
+        let pairs =
+            system.hot.range().flat_map(|i| system.cold[i].list.groups().map(move |group| (i, group)));
         pairs
             .filter_map(|(i, group)| {
                 let is_pair = system.groups[group].neighbors[0] < WALL;
@@ -168,8 +203,8 @@ fn a_place_beyond_sixteen_bits_is_looked_for() {
             })
             .collect()
     };
-    let named = found(&system);
+    let named = found(&mut system);
     system.groups.iter_mut().for_each(|group| group.mirrors = [FAR; LANES]);
     assert!(named.len() > 10);
-    assert_eq!(found(&system), named);
+    assert_eq!(found(&mut system), named);
 }

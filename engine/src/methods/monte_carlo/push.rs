@@ -6,14 +6,18 @@
 //! × n) · I⁻¹ (x × n)` (position-based dynamics; Müller, Heidelberger, Hennix and Ratcliff 2007, DOI
 //! 10.1016/j.jvcir.2007.01.005). Only grains that were touched look again in the next sweep.
 
+use std::num::NonZeroUsize;
+
+use super::halves::descend;
 use super::planes::{Decided, LANES, LONGEST, SHORTEST, WALL, below, is_wall};
-use super::system::{Hot, Moved, System, rotation};
+use super::system::{Hot, Moved, Part, System, rotation};
+use super::window::Window;
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::elementary::hypot;
 use crate::gap::grain::{ConvexShape, PushContact, Turned};
 use crate::gap::linear::{Vector, cross, dot, minus, scaled, sum};
-use crate::memory::{Blocks, OutOfMemory, collected, refill};
+use crate::memory::{Blocks, OutOfMemory, collected, refill, reserved};
 
 /// How pairs that overlap are pushed apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +55,9 @@ const MARGIN: f64 = 1e-12;
 
 /// Turns of the search for the least widening that ends an overlap.
 const LEFT_TURNS: u32 = 4;
+
+/// Pushes of a sweep below which the next one is not worth to be shared by threads.
+const LEAST_SHARED: u64 = 1000;
 
 /// What is to become tighter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,44 +114,42 @@ impl Pusher {
         let both = system.hot.iter().zip(&system.cold);
         self.saved =
             collected(both.map(|(hot, cold)| [hot.center, cold.listed_center].each(|x| x.each(last_bits))))?;
-        system.moved = Blocks::reserved(n)?;
+        system.moved = reserved(system.halves.leaves())?;
+        for leaf in 0..system.halves.leaves() {
+            system.moved.push(Blocks::reserved(system.halves.leaf(leaf).1)?);
+        }
         system.cold.iter_mut().for_each(|cold| cold.list.mark_moved(false));
-        (self.saved_stretch, self.saved_more) = (system.stretch, system.more);
+        (self.saved_stretch, self.saved_more) = (system.frame.stretch, system.frame.more);
         match by {
             Tighten::Shrink(factor) => system.scale(factor),
             Tighten::Gap(more) => system.widen_gaps(more),
         }
         refill(&mut self.active, n, true)?;
         refill(&mut self.next, n, false)?;
-        let cpu = system.cpu;
-        Ok(with_instruction_set!(cpu, set => set.call(
-            #[inline(always)]
-            || self.sweeps(set, system, most_sweeps)
-        )))
+        Ok(self.sweeps(system, most_sweeps))
     }
 
-    #[inline(always)]
-    fn sweeps<I: InstructionSet>(
-        &mut self,
-        set: I,
-        system: &mut System<impl ConvexShape>,
-        most: u32,
-    ) -> Pushed {
+    fn sweeps(&mut self, system: &mut System<impl ConvexShape>, most: u32) -> Pushed {
         let held = system.held;
         let mut pushed = Pushed { sweeps: 0, is_held: false, is_clear: false, pushes: 0 };
+        let mut threads = system.threads;
         for sweep in 1..=most {
             pushed.sweeps = sweep;
-            let mut pushes = 0;
-            for i in 0..system.len() {
-                if self.active[i] {
-                    pushes += self.visit(set, system, i);
-                }
-            }
+            let strengths = [self.beyond, self.beyond_d];
+            let mut all = system.part();
+            (all.active, all.next) = (Window::whole(&mut self.active), Window::whole(&mut self.next));
+            let work = |part: &mut Part<'_, _>, range: usize| push_range(part, range, strengths);
+            let pushes = descend(&mut all, threads, &work, |a, b| a + b);
+            let more_held = all.held;
+            system.held += more_held;
             pushed.pushes += pushes;
             pushed.is_held = system.held > held;
             if pushes == 0 {
                 pushed.is_clear = true;
                 return pushed;
+            }
+            if pushes < LEAST_SHARED {
+                threads = NonZeroUsize::MIN;
             }
             std::mem::swap(&mut self.active, &mut self.next);
             self.next.fill(false);
@@ -153,73 +158,12 @@ impl Pusher {
         pushed
     }
 
-    /// Pushes a grain and its neighbours apart; returns how often.
-    #[inline(always)]
-    fn visit<I: InstructionSet>(&mut self, set: I, system: &mut System<impl ConvexShape>, i: usize) -> u64 {
-        let mut pushes = 0;
-        let range = system.cold[i].list.groups();
-        let mut spread = system.spread(set, i, &system.hot[i]);
-        let none = set.splat(0.0);
-        for group in range {
-            let crossed = spread.crosses(set, &system.groups[group], none);
-            if !crossed.any() {
-                continue;
-            }
-            let crossed = crossed.to_array();
-            for lane in 0..LANES {
-                if crossed[lane].to_bits() == 0 || !system.crosses_itself(i, &system.hot[i], group, lane, 0.0)
-                {
-                    continue;
-                }
-                let neighbor = system.groups[group].neighbors[lane];
-                if is_wall(neighbor) {
-                    let depth = system.beyond_wall(neighbor - WALL, &system.hot[i]);
-                    let (n, _) = system.wall_plane(neighbor - WALL, system.hot[i].d);
-                    system.push_from_wall(i, n, depth);
-                    self.next[i] = true;
-                } else {
-                    match system.touch(i, group, lane) {
-                        Ok(planes) => {
-                            system.lay(&planes);
-                            continue;
-                        }
-                        Err(contact) => {
-                            let (j, _) = system.names.read(neighbor);
-                            system.push_apart(i, group, lane, &contact, [self.beyond, self.beyond_d]);
-                            self.next[j] = true;
-                            self.next[i] = true;
-                        }
-                    }
-                }
-                pushes += 1;
-                spread = system.spread(set, i, &system.hot[i]);
-            }
-        }
-        let cold = &system.cold[i];
-        if cold.list.is_near_lateral() {
-            let (slack, n) = system.lateral_slack(&system.hot[i]);
-            if slack < 0.0 {
-                system.push_from_wall(i, n, -slack);
-                self.next[i] = true;
-                pushes += 1;
-            }
-        }
-        if system.cold[i].list.is_near_itself()
-            && let Some((r, n)) = system.own_image_met(&system.hot[i])
-        {
-            system.turn_from_itself(i, r, n, [self.beyond, self.beyond_d]);
-            self.next[i] = true;
-            pushes += 1;
-        }
-        pushes
-    }
-
     /// Widens the specimen, or narrows the gap, until the overlaps that are left are none; says whether that is tighter
     /// than before and all gaps are kept.
     pub(super) fn keep_what_is_valid(&mut self, system: &mut System<impl ConvexShape>, by: Tighten) -> bool {
         match by {
             Tighten::Shrink(factor) => {
-                let Some(widen) = self.least_factor(system) else { return false };
+                let Some(widen) = self.least_factor(&system.part()) else { return false };
                 let widen = widen * (1.0 + MARGIN);
                 if widen * factor >= 1.0 {
                     return false;
@@ -227,8 +171,8 @@ impl Pusher {
                 system.scale(widen);
             }
             Tighten::Gap(more) => {
-                let depth = self.deepest(system);
-                let less = depth * (1.0 + MARGIN) + MARGIN * system.gap(0.0, 0.0);
+                let depth = self.deepest(&system.part());
+                let less = depth * (1.0 + MARGIN) + MARGIN * system.frame.gap(0.0, 0.0);
                 if less >= more {
                     return false;
                 }
@@ -240,8 +184,8 @@ impl Pusher {
 
     /// Calls `visit` for every pair and wall of an active grain whose gap is not kept, with the distance between the
     /// centres, or of the centre from the wall, along the normal, and with the distance that the gap asks for.
-    fn for_each_left(&self, system: &System<impl ConvexShape>, mut visit: impl FnMut(f64, f64)) {
-        for i in (0..system.len()).filter(|&i| self.active[i]) {
+    fn for_each_left(&self, system: &Part<'_, impl ConvexShape>, mut visit: impl FnMut(f64, f64)) {
+        for i in system.hot.range().filter(|&i| self.active[i]) {
             let (hot, cold) = (system.hot[i], system.cold[i]);
             for group in cold.list.groups() {
                 for lane in 0..LANES {
@@ -251,11 +195,11 @@ impl Pusher {
                         continue;
                     }
                     if is_wall(neighbor) {
-                        let (n, o) = system.wall_plane(neighbor - WALL, hot.d);
-                        if system.beyond_wall(neighbor - WALL, &hot) > 0.0 {
+                        let (n, o) = system.frame.wall_plane(neighbor - WALL, hot.d);
+                        if system.frame.beyond_wall(neighbor - WALL, &hot) > 0.0 {
                             // Distance of the centre from the wall itself.
-                            let away = o + system.wall_gap(hot.d) - dot(hot.center, n);
-                            visit(away, hot.turned.support_mm(n) + system.wall_gap(hot.d));
+                            let away = o + system.frame.wall_gap(hot.d) - dot(hot.center, n);
+                            visit(away, hot.turned.support_mm(n) + system.frame.wall_gap(hot.d));
                         }
                         continue;
                     }
@@ -266,10 +210,10 @@ impl Pusher {
                         continue;
                     }
                     if let Decided::TooClose(n) = system.decide(i, &hot, group, lane) {
-                        let (j, image) = system.names.read(neighbor);
+                        let (j, image) = system.frame.names.read(neighbor);
                         let other = &system.hot[j];
-                        let r = minus(sum(other.center, system.shift(image)), hot.center);
-                        let gap = system.gap(hot.d, other.d);
+                        let r = minus(sum(other.center, system.frame.shift(image)), hot.center);
+                        let gap = system.frame.gap(hot.d, other.d);
                         let contact = hot.turned.contact(&other.turned, r, gap, n, LEFT_TURNS);
                         let [h_a, h_b] = contact.supports_mm;
                         visit(dot(r, contact.normal), h_a + h_b + gap);
@@ -279,7 +223,7 @@ impl Pusher {
             if cold.list.is_near_lateral() {
                 let (slack, _) = system.lateral_slack(&hot);
                 if slack < 0.0 {
-                    let axis = system.container.bounds[0] / 2.0 * system.stretch;
+                    let axis = system.frame.container.bounds[0] / 2.0 * system.frame.stretch;
                     // In a wider cylinder the centre lies farther out in proportion, and the farthest point no more.
                     let out = hypot(hot.center[0] - axis, hot.center[1] - axis);
                     visit(axis - out, axis - out - slack);
@@ -292,7 +236,7 @@ impl Pusher {
     }
 
     /// The least factor on all lengths of the specimen, 1 or more, at which the gaps are kept.
-    fn least_factor(&self, system: &System<impl ConvexShape>) -> Option<f64> {
+    fn least_factor(&self, system: &Part<'_, impl ConvexShape>) -> Option<f64> {
         let mut factor = 1.0_f64;
         self.for_each_left(system, |away, needed| {
             factor = factor.max(if away > 0.0 { needed / away } else { f64::INFINITY });
@@ -301,7 +245,7 @@ impl Pusher {
     }
 
     /// The most that a gap lacks.
-    fn deepest(&self, system: &System<impl ConvexShape>) -> f64 {
+    fn deepest(&self, system: &Part<'_, impl ConvexShape>) -> f64 {
         let mut depth = 0.0_f64;
         self.for_each_left(system, |away, needed| depth = depth.max(needed - away));
         depth
@@ -309,18 +253,19 @@ impl Pusher {
 
     /// Goes back to before the push; the planes follow.
     pub(super) fn undo(&mut self, system: &mut System<impl ConvexShape>) {
-        if system.more > self.saved_more {
-            system.widen_gaps(self.saved_more - system.more);
-            system.more = self.saved_more;
+        if system.frame.more > self.saved_more {
+            system.widen_gaps(self.saved_more - system.frame.more);
+            system.frame.more = self.saved_more;
         }
-        if system.stretch < self.saved_stretch {
-            system.scale(self.saved_stretch / system.stretch);
+        if system.frame.stretch < self.saved_stretch {
+            system.scale(self.saved_stretch / system.frame.stretch);
         }
-        system.stretch = self.saved_stretch;
+        system.frame.stretch = self.saved_stretch;
         let moved = std::mem::take(&mut system.moved);
-        for &Moved { site, center, orientation } in moved.iter() {
-            let turned = system.cold[site as usize].shape.turned(&rotation(orientation));
-            system.set_pose(site as usize, center, orientation, turned);
+        let mut all = system.part();
+        for &Moved { site, center, orientation } in moved.iter().flat_map(Blocks::iter) {
+            let turned = all.cold[site as usize].shape.turned(&rotation(orientation));
+            all.set_pose(site as usize, center, orientation, turned);
         }
         for ((hot, cold), last) in system.hot.iter_mut().zip(&mut system.cold).zip(&self.saved) {
             for (x, last) in [&mut hot.center, &mut cold.listed_center].into_iter().zip(last) {
@@ -350,17 +295,176 @@ impl<S: ConvexShape> System<S> {
     /// Whether all gaps are kept. Computes every separating plane again that a grain crosses, also after another pair
     /// has failed: the two planes of a pair are valid only together.
     pub(super) fn is_clear(&mut self) -> bool {
-        let cpu = self.cpu;
-        with_instruction_set!(cpu, set => set.call(
-            #[inline(always)]
-            || {
-                let mut is_clear = true;
-                for i in 0..self.len() {
-                    is_clear &= self.lay_crossed(set, i);
-                }
-                is_clear
+        let threads = self.threads;
+        let work = |part: &mut Part<'_, _>, range: usize| lay_crossed_in_range(part, range);
+        descend(&mut self.part(), threads, &work, |a, b| a && b)
+    }
+
+    /// Scales the specimen, the centres and the planes. Planes that come closer are laid closer to their grains, so
+    /// that the gap between the two planes of a pair is still kept.
+    pub(super) fn scale(&mut self, factor: f64) {
+        self.frame.stretch *= factor;
+        let largest = self.hot.iter().map(|hot| hot.d).fold(0.0, f64::max);
+        self.on_leaves(&|part| part.scale(factor, largest));
+    }
+
+    /// Widens all gaps by a length, which may be negative.
+    pub(super) fn widen_gaps(&mut self, by: f64) {
+        self.frame.more += by;
+        let closer = 0.5 * by * if by > 0.0 { LONGEST } else { SHORTEST };
+        for group in &mut self.groups {
+            group.offsets = group.offsets.each(|offset| below(f64::from(offset) - closer));
+        }
+        self.set_wall_planes();
+    }
+
+    /// Puts the planes of walls to where the walls are.
+    pub(super) fn set_wall_planes(&mut self) {
+        self.on_leaves(&|part| part.set_wall_planes());
+    }
+
+    /// Works on all grains of each leaf, whether they belong to it or not.
+    fn on_leaves(&mut self, work: &(impl Fn(&mut Part<'_, S>) + Sync)) {
+        let threads = self.threads;
+        let work = |part: &mut Part<'_, S>, range: usize| {
+            if range >= part.halves.leaves() {
+                work(part);
             }
-        ))
+        };
+        descend(&mut self.part(), threads, &work, |(), ()| ());
+    }
+}
+
+/// Pushes the grains of a range that are to look at their neighbours; returns how often.
+fn push_range(part: &mut Part<'_, impl ConvexShape>, range: usize, strengths: [f64; 2]) -> u64 {
+    with_instruction_set!(part.frame.cpu, set => set.call(
+        #[inline(always)]
+        || {
+            let mut pushes = 0;
+            for i in part.halves.grains(range).sites() {
+                if part.active[i] {
+                    pushes += part.visit(set, i, strengths);
+                }
+            }
+            pushes
+        }
+    ))
+}
+
+/// Computes the planes again that the grains of a range cross; says whether they keep their gaps.
+fn lay_crossed_in_range(part: &mut Part<'_, impl ConvexShape>, range: usize) -> bool {
+    with_instruction_set!(part.frame.cpu, set => set.call(
+        #[inline(always)]
+        || {
+            let mut is_clear = true;
+            for i in part.halves.grains(range).sites() {
+                is_clear &= part.lay_crossed(set, i);
+            }
+            is_clear
+        }
+    ))
+}
+
+impl<S: ConvexShape> Part<'_, S> {
+    /// Scales centres and planes; the specimen is scaled already.
+    fn scale(&mut self, factor: f64, largest: f64) {
+        for i in self.hot.range() {
+            let d = self.hot[i].d;
+            let gap = self.frame.gap(d, d).max(self.frame.gap(d, largest));
+            let closer = if factor < 1.0 { 0.5 * gap * (1.0 - factor) * LONGEST } else { 0.0 };
+            let cold = &mut self.cold[i];
+            self.hot[i].center = scaled(self.hot[i].center, factor);
+            cold.listed_center = scaled(cold.listed_center, factor);
+            for group in cold.list.groups() {
+                let offsets = &mut self.groups[group].offsets;
+                *offsets = offsets.each(|offset| below(f64::from(offset) * factor - closer));
+            }
+        }
+        for leaf in self.moved.range() {
+            for moved in self.moved[leaf].iter_mut() {
+                moved.center = scaled(moved.center, factor);
+            }
+        }
+        self.set_wall_planes();
+    }
+
+    /// Puts the planes of walls to where the walls are.
+    fn set_wall_planes(&mut self) {
+        if self.frame.container.is_periodic {
+            return;
+        }
+        for i in self.hot.range() {
+            let d = self.hot[i].d;
+            let groups = self.cold[i].list.groups();
+            // Walls come first in every list.
+            for at in LANES * groups.start..LANES * groups.end {
+                let neighbor = self.groups[at / LANES].neighbors[at % LANES];
+                if !is_wall(neighbor) {
+                    break;
+                }
+                self.lay_wall(i, at / LANES, at % LANES, d);
+            }
+        }
+    }
+
+    /// Pushes a grain and its neighbours apart; returns how often.
+    #[inline(always)]
+    fn visit<I: InstructionSet>(&mut self, set: I, i: usize, strengths: [f64; 2]) -> u64 {
+        let mut pushes = 0;
+        let range = self.cold[i].list.groups();
+        let mut spread = self.spread(set, i, &self.hot[i]);
+        let none = set.splat(0.0);
+        for group in range {
+            let crossed = spread.crosses(set, &self.groups[group], none);
+            if !crossed.any() {
+                continue;
+            }
+            let crossed = crossed.to_array();
+            for lane in 0..LANES {
+                if crossed[lane].to_bits() == 0 || !self.crosses_itself(i, &self.hot[i], group, lane, 0.0) {
+                    continue;
+                }
+                let neighbor = self.groups[group].neighbors[lane];
+                if is_wall(neighbor) {
+                    let depth = self.frame.beyond_wall(neighbor - WALL, &self.hot[i]);
+                    let (n, _) = self.frame.wall_plane(neighbor - WALL, self.hot[i].d);
+                    self.push_from_wall(i, n, depth);
+                    self.next[i] = true;
+                } else {
+                    match self.touch(i, group, lane) {
+                        Ok(planes) => {
+                            self.lay(&planes);
+                            continue;
+                        }
+                        Err(contact) => {
+                            let (j, _) = self.frame.names.read(neighbor);
+                            self.push_apart(i, group, lane, &contact, strengths);
+                            self.next[j] = true;
+                            self.next[i] = true;
+                        }
+                    }
+                }
+                pushes += 1;
+                spread = self.spread(set, i, &self.hot[i]);
+            }
+        }
+        let cold = &self.cold[i];
+        if cold.list.is_near_lateral() {
+            let (slack, n) = self.lateral_slack(&self.hot[i]);
+            if slack < 0.0 {
+                self.push_from_wall(i, n, -slack);
+                self.next[i] = true;
+                pushes += 1;
+            }
+        }
+        if self.cold[i].list.is_near_itself()
+            && let Some((r, n)) = self.own_image_met(&self.hot[i])
+        {
+            self.turn_from_itself(i, r, n, strengths);
+            self.next[i] = true;
+            pushes += 1;
+        }
+        pushes
     }
 
     /// Computes the planes again that a grain crosses; says whether it keeps its gaps.
@@ -398,56 +502,6 @@ impl<S: ConvexShape> System<S> {
             && (!cold.list.is_near_itself() || self.clears_itself(&hot))
     }
 
-    /// Scales the specimen, the centres and the planes. Planes that come closer are laid closer to their grains, so
-    /// that the gap between the two planes of a pair is still kept.
-    pub(super) fn scale(&mut self, factor: f64) {
-        self.stretch *= factor;
-        let largest = self.hot.iter().map(|hot| hot.d).fold(0.0, f64::max);
-        for i in 0..self.len() {
-            let gap = self.gap(self.hot[i].d, self.hot[i].d).max(self.gap(self.hot[i].d, largest));
-            let closer = if factor < 1.0 { 0.5 * gap * (1.0 - factor) * LONGEST } else { 0.0 };
-            let (hot, cold) = (&mut self.hot[i], &mut self.cold[i]);
-            hot.center = scaled(hot.center, factor);
-            cold.listed_center = scaled(cold.listed_center, factor);
-            for group in &mut self.groups[cold.list.groups()] {
-                group.offsets = group.offsets.each(|offset| below(f64::from(offset) * factor - closer));
-            }
-        }
-        for moved in self.moved.iter_mut() {
-            moved.center = scaled(moved.center, factor);
-        }
-        self.set_wall_planes();
-    }
-
-    /// Widens all gaps by a length, which may be negative.
-    pub(super) fn widen_gaps(&mut self, by: f64) {
-        self.more += by;
-        let closer = 0.5 * by * if by > 0.0 { LONGEST } else { SHORTEST };
-        for group in &mut self.groups {
-            group.offsets = group.offsets.each(|offset| below(f64::from(offset) - closer));
-        }
-        self.set_wall_planes();
-    }
-
-    /// Puts the planes of walls to where the walls are.
-    pub(super) fn set_wall_planes(&mut self) {
-        if self.container.is_periodic {
-            return;
-        }
-        for i in 0..self.len() {
-            let d = self.hot[i].d;
-            let groups = self.cold[i].list.groups();
-            // Walls come first in every list.
-            for at in LANES * groups.start..LANES * groups.end {
-                let neighbor = self.groups[at / LANES].neighbors[at % LANES];
-                if !is_wall(neighbor) {
-                    break;
-                }
-                self.lay_wall(i, at / LANES, at % LANES, d);
-            }
-        }
-    }
-
     /// Pushes a grain away from a wall with this outward normal.
     fn push_from_wall(&mut self, i: usize, n: Vector, depth: f64) {
         let by = depth * (1.0 + 1e-6) + BEYOND_D * self.hot[i].d;
@@ -464,10 +518,10 @@ impl<S: ConvexShape> System<S> {
         contact: &PushContact,
         [beyond, beyond_d]: [f64; 2],
     ) {
-        let (j, image) = self.names.read(self.groups[group].neighbors[lane]);
+        let (j, image) = self.frame.names.read(self.groups[group].neighbors[lane]);
         let (a, b) = (self.hot[i], self.hot[j]);
-        let r = minus(sum(b.center, self.shift(image)), a.center);
-        let gap = self.gap(a.d, b.d);
+        let r = minus(sum(b.center, self.frame.shift(image)), a.center);
+        let gap = self.frame.gap(a.d, b.d);
         let (n, [h_a, h_b], [arm_a, arm_b]) = (contact.normal, contact.supports_mm, contact.arms_mm);
         let lacks = gap + h_a + h_b - dot(r, n);
         // Spheres do not turn past each other.
@@ -517,7 +571,7 @@ impl<S: ConvexShape> System<S> {
             let before =
                 Moved { site: i as u32, center: self.hot[i].center, orientation: self.cold[i].orientation };
             // There is room for all.
-            self.moved.push(before, &mut None);
+            self.moved[self.halves.leaf_of(i)].push(before, &mut None);
         }
         let turned = self.cold[i].shape.turned(&rotation(orientation));
         self.set_pose(i, center, orientation, turned);

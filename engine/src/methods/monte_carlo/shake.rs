@@ -7,12 +7,14 @@
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::halves::{Grains, descend};
 use super::planes::{Decided, LANES, LONGEST, NewPlanes, is_wall};
-use super::system::{Hot, System, rotation};
+use super::system::{Hot, Part, System, rotation};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};
 use crate::gap::grain::ConvexShape;
 use crate::gap::linear::Vector;
+use crate::rng::numbered_stream;
 
 /// Factors on the step after a move that was made, and after one that was not.
 const WIDER: f64 = 1.1;
@@ -37,6 +39,12 @@ pub(super) struct Moves {
     pub(super) accepted: u64,
 }
 
+impl Moves {
+    fn plus(self, more: Self) -> Self {
+        Self { tried: self.tried + more.tried, accepted: self.accepted + more.accepted }
+    }
+}
+
 /// Planes to be laid if a move is made.
 pub(super) struct Pending {
     planes: [Option<NewPlanes>; MOST_NEW],
@@ -59,7 +67,7 @@ impl Pending {
     }
 
     #[inline(always)]
-    pub(super) fn lay(&self, system: &mut System<impl ConvexShape>) {
+    pub(super) fn lay(&self, system: &mut Part<'_, impl ConvexShape>) {
         for planes in self.planes[..self.count].iter().flatten() {
             system.lay(planes);
         }
@@ -80,21 +88,34 @@ fn six(rng: &mut Xoshiro256PlusPlus) -> [Vector; 2] {
 
 /// Tries one move of each grain.
 pub(super) fn sweep(system: &mut System<impl ConvexShape>, rng: &mut Xoshiro256PlusPlus) -> Moves {
-    let cpu = system.cpu;
-    with_instruction_set!(cpu, set => set.call(
+    let (threads, mut all) = (system.threads, system.part());
+    if !all.halves.are_cut() {
+        return sweep_range(&mut all, 1, rng);
+    }
+    let streams = rng.next_u64();
+    let work = |part: &mut Part<'_, _>, range: usize| {
+        sweep_range(part, range, &mut numbered_stream(streams, range as u64))
+    };
+    descend(&mut all, threads, &work, Moves::plus)
+}
+
+/// Tries one move of each grain that belongs to a range.
+fn sweep_range(part: &mut Part<'_, impl ConvexShape>, range: usize, rng: &mut Xoshiro256PlusPlus) -> Moves {
+    with_instruction_set!(part.frame.cpu, set => set.call(
         #[inline(always)]
-        || sweep_with(set, system, rng)
+        || sweep_with(set, part, part.halves.grains(range), rng)
     ))
 }
 
 #[inline(always)]
 fn sweep_with<I: InstructionSet, S: ConvexShape>(
     set: I,
-    system: &mut System<S>,
+    system: &mut Part<'_, S>,
+    grains: Grains<'_>,
     rng: &mut Xoshiro256PlusPlus,
 ) -> Moves {
     let mut moves = Moves::default();
-    for i in 0..system.len() {
+    for i in grains.sites() {
         moves.tried += 1;
         let (hot, cold) = (&system.hot[i], &system.cold[i]);
         let step = cold.step;
@@ -126,7 +147,7 @@ fn sweep_with<I: InstructionSet, S: ConvexShape>(
 #[inline(always)]
 pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     set: I,
-    system: &System<S>,
+    system: &Part<'_, S>,
     i: usize,
     as_if: &Hot<S::Turned>,
     more: f64,

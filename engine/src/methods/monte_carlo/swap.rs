@@ -4,18 +4,20 @@
 //! Two sites exchange their shapes, each site keeping its centre and orientation, where both shapes fit. Near jamming,
 //! where grains hardly move, this is what still lets sizes and voids find each other.
 
+use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::halves::descend;
 use super::planes::{LANES, LONGEST, NOBODY, below, is_wall};
 use super::shake::{Pending, fits};
-use super::system::{Hot, System, rotation};
+use super::system::{Hot, Part, System, rotation};
 use crate::arrays::Each as _;
-use crate::cpu::{InstructionSet, prefetch, with_instruction_set};
+use crate::cpu::{InstructionSet, with_instruction_set};
 use crate::elementary::ln;
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, filled};
 use crate::methods::swap_pairs::{Families, SwapPairs};
-use crate::rng::uniform;
+use crate::rng::{numbered_stream, uniform};
 use crate::segregation::Preference;
 
 /// Share of the skin that a larger grain may take.
@@ -29,8 +31,9 @@ pub(super) struct SwapGrains<'a> {
     pub(super) preference: Option<&'a Preference>,
 }
 
-/// Tries so many swaps. With a preference they are as Metropolis and others (1953) have it: those that go against it
-/// happen the more rarely the more they do, so that a gradient is kept and not levelled.
+/// Tries so many swaps per grain: everywhere, or where the specimen is cut among the grains of each range. With a
+/// preference they are as Metropolis and others (1953) have it: those that go against it happen the more rarely the
+/// more they do, so that a gradient is kept and not levelled.
 ///
 /// # Errors
 /// When the system refuses memory.
@@ -38,38 +41,85 @@ pub(super) fn sweep<S: ConvexShape>(
     pairs: &mut SwapPairs,
     grains: &SwapGrains<'_>,
     system: &mut System<S>,
-    tries: u64,
+    (tries_per_grain, everywhere): (f64, bool),
     rng: &mut Xoshiro256PlusPlus,
 ) -> Result<(), OutOfMemory> {
     if system.len() < 2 {
         return Ok(());
     }
-    let mut diameters = filled(system.len(), 0.0)?;
-    for (hot, &rank) in system.hot.iter().zip(&system.rank) {
-        diameters[rank as usize] = hot.d;
-    }
-    pairs.prepare(grains.families, &system.rank, &diameters)?;
-    drop(diameters);
-    let cpu = system.cpu;
-    let (tried, accepted) = with_instruction_set!(cpu, set => set.call(
-        #[inline(always)]
-        || try_pairs(set, pairs, grains, system, tries, rng)
-    ));
-    pairs.count(tried, accepted);
+    let tries = |grains: usize| (tries_per_grain * grains as f64) as u64;
+    let tried = if everywhere || !system.halves.are_cut() {
+        let mut diameters = filled(system.len(), 0.0)?;
+        for (hot, &rank) in system.hot.iter().zip(&system.rank) {
+            diameters[rank as usize] = hot.d;
+        }
+        pairs.prepare(grains.families, &system.rank, &diameters)?;
+        drop(diameters);
+        let tries = tries(system.len());
+        try_pairs(pairs, grains, &mut system.part(), tries, rng)
+    } else {
+        let halves = &system.halves;
+        let range_of = |site: usize| halves.range_of(site);
+        let groups = pairs.groups(grains.families, &system.rank, halves.ranges(), range_of)?;
+        let streams = rng.next_u64();
+        let of = &*pairs;
+        let work = |part: &mut Part<'_, S>, range: usize| {
+            let group = &groups[range];
+            let mut rng = numbered_stream(streams, range as u64);
+            match of.among(group, |site| part.hot[site].d) {
+                Ok(mut pairs) => try_pairs(&mut pairs, grains, part, tries(group.sites.len()), &mut rng),
+                Err(refused) => SwapCounts { refused: Some(refused), ..SwapCounts::default() },
+            }
+        };
+        let threads = system.threads;
+        descend(&mut system.part(), threads, &work, SwapCounts::plus)
+    };
+    pairs.count(tried.tried, tried.accepted);
     pairs.give_memory_back();
-    Ok(())
+    tried.refused.map_or(Ok(()), Err)
 }
 
-/// Tries so many pairs; returns how many had different shapes, and how many of these were exchanged.
+/// How many pairs had different shapes, and how many of these were exchanged.
+#[derive(Clone, Copy, Default)]
+struct SwapCounts {
+    tried: u64,
+    accepted: u64,
+    refused: Option<OutOfMemory>,
+}
+
+impl SwapCounts {
+    fn plus(self, more: Self) -> Self {
+        Self {
+            tried: self.tried + more.tried,
+            accepted: self.accepted + more.accepted,
+            refused: self.refused.or(more.refused),
+        }
+    }
+}
+
+/// Tries so many pairs.
+fn try_pairs<S: ConvexShape>(
+    pairs: &mut SwapPairs,
+    grains: &SwapGrains<'_>,
+    system: &mut Part<'_, S>,
+    tries: u64,
+    rng: &mut Xoshiro256PlusPlus,
+) -> SwapCounts {
+    with_instruction_set!(system.frame.cpu, set => set.call(
+        #[inline(always)]
+        || try_pairs_with(set, pairs, grains, system, tries, rng)
+    ))
+}
+
 #[inline(always)]
-fn try_pairs<I: InstructionSet, S: ConvexShape>(
+fn try_pairs_with<I: InstructionSet, S: ConvexShape>(
     set: I,
     pairs: &mut SwapPairs,
     grains: &SwapGrains<'_>,
-    system: &mut System<S>,
+    system: &mut Part<'_, S>,
     tries: u64,
     rng: &mut Xoshiro256PlusPlus,
-) -> (u64, u64) {
+) -> SwapCounts {
     let families = grains.families;
     let (mut tried, mut accepted) = (0, 0);
     let mut left = tries;
@@ -82,14 +132,14 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
             *pair = pairs.draw(rng);
             for place in *pair {
                 let site = pairs.site(place);
-                prefetch(&system.hot, site);
-                prefetch(&system.cold, site);
+                system.hot.prefetch(site);
+                system.cold.prefetch(site);
             }
         }
         for pair in &drawn[..count] {
             let cold = &system.cold[pairs.site(pair[1])];
             for group in cold.list.groups() {
-                prefetch(&system.groups, group);
+                system.groups.prefetch(group);
             }
         }
         for &[larger, smaller] in &drawn[..count] {
@@ -102,7 +152,7 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
             let is_preferred = grains.preference.is_none_or(|preference| {
                 let ranks = [larger, smaller].each(|place| families.rank(place));
                 // The specimen is larger than requested by the stretch while the grains have their size.
-                let centers = sites.each(|site| system.hot[site].center.each(|x| x / system.stretch));
+                let centers = sites.each(|site| system.hot[site].center.each(|x| x / system.frame.stretch));
                 ln(uniform(rng)) <= preference.log_acceptance_ratio(ranks, centers)
             });
             if is_preferred && swap(set, system, sites[0], sites[1]) {
@@ -111,7 +161,7 @@ fn try_pairs<I: InstructionSet, S: ConvexShape>(
             }
         }
     }
-    (tried, accepted)
+    SwapCounts { tried, accepted, refused: None }
 }
 
 /// The site as it would be with another shape: how much longer the semi-axes of the ellipsoid around it are at most,
@@ -126,7 +176,7 @@ struct Changed<S: ConvexShape> {
 impl<S: ConvexShape> Changed<S> {
     /// Whether the skin of the site has room for the other shape where the site is now, for the lists hold no farther.
     #[inline(always)]
-    fn keeps_skin(&self, system: &System<S>, site: usize) -> bool {
+    fn keeps_skin(&self, system: &Part<'_, S>, site: usize) -> bool {
         let (cold, taken) = (&system.cold[site], self.longer + self.more);
         taken <= SKIN_SHARE * cold.skin
             && (taken == 0.0
@@ -135,7 +185,7 @@ impl<S: ConvexShape> Changed<S> {
 }
 
 #[inline(always)]
-fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Changed<S> {
+fn changed<S: ConvexShape>(system: &Part<'_, S>, site: usize, from: usize) -> Changed<S> {
     let (old, new) = (&system.cold[site], &system.cold[from]);
     let (d_old, d_new) = (system.hot[site].d, system.hot[from].d);
     let (around, around_old) = (new.shape.around_mm(), old.shape.around_mm());
@@ -147,7 +197,7 @@ fn changed<S: ConvexShape>(system: &System<S>, site: usize, from: usize) -> Chan
 
 /// Lets the shapes of two sites change places if they fit; the larger one is at the first site.
 #[inline(always)]
-fn swap<I: InstructionSet>(set: I, system: &mut System<impl ConvexShape>, i: usize, j: usize) -> bool {
+fn swap<I: InstructionSet>(set: I, system: &mut Part<'_, impl ConvexShape>, i: usize, j: usize) -> bool {
     let at_j = changed(system, j, i);
     let mut planes_j = Pending::new();
     if !at_j.keeps_skin(system, j) || !fits(set, system, j, &at_j.as_if, at_j.more, &mut planes_j) {
@@ -173,26 +223,26 @@ fn swap<I: InstructionSet>(set: I, system: &mut System<impl ConvexShape>, i: usi
     planes_i.lay(system);
     let (step_i, step_j) = (system.cold[i].step, system.cold[j].step);
     (system.cold[i].step, system.cold[j].step) = (step_j, step_i);
-    system.rank.swap(i, j);
+    (system.rank[i], system.rank[j]) = (system.rank[j], system.rank[i]);
     true
 }
 
 /// Whether two sites are in each other's lists.
-fn are_neighbors(system: &System<impl ConvexShape>, i: usize, j: usize) -> bool {
+fn are_neighbors(system: &Part<'_, impl ConvexShape>, i: usize, j: usize) -> bool {
     let cold = &system.cold[i];
     let groups = &system.groups[cold.list.groups()];
     groups
         .iter()
         .flat_map(|group| group.neighbors)
-        .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && system.names.read(neighbor).0 == j)
+        .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && system.frame.names.read(neighbor).0 == j)
 }
 
-impl<S: ConvexShape> System<S> {
+impl<S: ConvexShape> Part<'_, S> {
     /// The most by which a gap of a grain grows when its diameter changes.
     #[inline(always)]
     fn more_gap(&self, d_old: f64, d_new: f64) -> f64 {
-        let to_itself = self.gap(d_new, d_new) - self.gap(d_old, d_old);
-        let to_walls = self.wall_gap(d_new) - self.wall_gap(d_old);
+        let to_itself = self.frame.gap(d_new, d_new) - self.frame.gap(d_old, d_old);
+        let to_walls = self.frame.wall_gap(d_new) - self.frame.wall_gap(d_old);
         to_itself.max(to_walls).max(0.0)
     }
 

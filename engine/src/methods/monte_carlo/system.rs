@@ -4,9 +4,12 @@
 //! requested by `1 / s`, the stretch. That is the growth of all lengths by `s`, seen from the grains; nothing but
 //! centres and planes changes with it.
 
+use std::num::NonZeroUsize;
 use std::ops::Range;
 
+use super::halves::Halves;
 use super::planes::Group;
+use super::window::Window;
 use crate::arrays::Each as _;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
@@ -159,9 +162,9 @@ impl Container {
     }
 }
 
-/// The grains of a run.
+/// What all grains share.
 #[derive(Clone, Debug)]
-pub(super) struct System<S: ConvexShape> {
+pub(super) struct Frame {
     pub(super) cpu: Cpu,
     pub(super) container: Container,
     /// The images of the specimen at no stretch; those that the lists name; and those in which a grain can come close
@@ -175,6 +178,41 @@ pub(super) struct System<S: ConvexShape> {
     /// Gap beyond the rule's, and the share of it that is kept to walls.
     pub(super) more: f64,
     pub(super) wall_share: f64,
+}
+
+impl Frame {
+    /// The gap of two grains of these diameters.
+    #[inline(always)]
+    pub(super) fn gap(&self, d_i: f64, d_j: f64) -> f64 {
+        self.rule.gap_mm(d_i, d_j) + self.more
+    }
+
+    #[inline(always)]
+    pub(super) fn wall_gap(&self, d: f64) -> f64 {
+        self.rule.wall_gap_mm(d) + self.wall_share * self.more
+    }
+
+    /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
+    pub(super) fn wall_plane(&self, wall: u32, d: f64) -> (Vector, f64) {
+        let (inward, offset) = self.container.wall(wall);
+        (inward.each(|x| -x), -offset * self.stretch - self.wall_gap(d))
+    }
+
+    /// The offset of an image at the present stretch.
+    #[inline(always)]
+    pub(super) fn shift(&self, image: u32) -> Vector {
+        self.names.offset_mm(image).each(|x| x * self.stretch)
+    }
+}
+
+/// The grains of a run.
+#[derive(Clone, Debug)]
+pub(super) struct System<S: ConvexShape> {
+    pub(super) frame: Frame,
+    /// Most threads that share the work; nothing depends on their number.
+    pub(super) threads: NonZeroUsize,
+    /// Which grains can be moved at the same time.
+    pub(super) halves: Halves,
     pub(super) hot: Vec<Hot<S::Turned>>,
     pub(super) cold: Vec<Cold<S>>,
     /// Which shape stands at each site.
@@ -182,9 +220,26 @@ pub(super) struct System<S: ConvexShape> {
     pub(super) groups: Vec<Group>,
     /// Displacements that were not made, for they would have led out of a skin.
     pub(super) held: u64,
-    /// The poses that grains had before a push displaced them, with room for all grains while one does; of other grains
-    /// it changes the scale alone.
-    pub(super) moved: Blocks<Moved>,
+    /// The poses that grains had before a push displaced them, by leaf, with room for all grains while one does; of
+    /// other grains it changes the scale alone.
+    pub(super) moved: Vec<Blocks<Moved>>,
+}
+
+/// Grains of a system that one thread reads and writes, by their sites in the system, with their planes.
+#[derive(Debug)]
+pub(super) struct Part<'a, S: ConvexShape> {
+    pub(super) frame: &'a Frame,
+    pub(super) halves: &'a Halves,
+    pub(super) hot: Window<'a, Hot<S::Turned>>,
+    pub(super) cold: Window<'a, Cold<S>>,
+    pub(super) rank: Window<'a, u32>,
+    pub(super) groups: Window<'a, Group>,
+    pub(super) moved: Window<'a, Blocks<Moved>>,
+    /// In a push, the grains that look at their neighbours in this sweep, and in the next one.
+    pub(super) active: Window<'a, bool>,
+    pub(super) next: Window<'a, bool>,
+    /// As in the system, since the part was made.
+    pub(super) held: u64,
 }
 
 /// The pose that a grain had.
@@ -229,7 +284,7 @@ impl<S: ConvexShape> System<S> {
             turned: cold.shape.turned(&rotation(cold.orientation)),
             d: cold.shape.equivalent_diameter_mm(),
         }))?;
-        Ok(Self {
+        let frame = Frame {
             cpu: Cpu::detect(),
             container: Container::new(domain),
             images: Images::new(domain),
@@ -239,12 +294,17 @@ impl<S: ConvexShape> System<S> {
             rule,
             more: 0.0,
             wall_share: 0.0,
+        };
+        Ok(Self {
+            frame,
+            threads: NonZeroUsize::MIN,
+            halves: Halves::new(hot.len()),
             hot,
             cold,
             rank,
             groups: Vec::new(),
             held: 0,
-            moved: Blocks::default(),
+            moved: Vec::new(),
         })
     }
 
@@ -252,21 +312,20 @@ impl<S: ConvexShape> System<S> {
         self.hot.len()
     }
 
-    /// The gap of two grains of these diameters.
-    #[inline(always)]
-    pub(super) fn gap(&self, d_i: f64, d_j: f64) -> f64 {
-        self.rule.gap_mm(d_i, d_j) + self.more
-    }
-
-    #[inline(always)]
-    pub(super) fn wall_gap(&self, d: f64) -> f64 {
-        self.rule.wall_gap_mm(d) + self.wall_share * self.more
-    }
-
-    /// The offset of an image at the present stretch.
-    #[inline(always)]
-    pub(super) fn shift(&self, image: u32) -> Vector {
-        self.names.offset_mm(image).each(|x| x * self.stretch)
+    /// All grains.
+    pub(super) fn part(&mut self) -> Part<'_, S> {
+        Part {
+            frame: &self.frame,
+            halves: &self.halves,
+            hot: Window::whole(&mut self.hot),
+            cold: Window::whole(&mut self.cold),
+            rank: Window::whole(&mut self.rank),
+            groups: Window::whole(&mut self.groups),
+            moved: Window::whole(&mut self.moved),
+            active: Window::whole(&mut []),
+            next: Window::whole(&mut []),
+            held: 0,
+        }
     }
 
     /// Makes the images that pairs need whose centres are less than `reach` apart, until the specimen has shrunk by
@@ -275,15 +334,61 @@ impl<S: ConvexShape> System<S> {
     /// # Errors
     /// When the system refuses memory, or the grains are more than can be named beside so many images.
     pub(super) fn name_images(&mut self, reach: f64, shrink: f64) -> Result<(), OutOfMemory> {
-        let reach = reach * shrink / self.stretch;
-        self.names = ImageNames::new(&self.images, reach)?;
-        if self.len() as u64 > self.names.grains() {
+        let reach = reach * shrink / self.frame.stretch;
+        self.frame.names = ImageNames::new(&self.frame.images, reach)?;
+        if self.len() as u64 > self.frame.names.grains() {
             return Err(OutOfMemory { bytes: self.len() as u64 * 8 });
         }
-        let own = self.images.of_itself(reach)?;
-        self.own_images =
+        let own = self.frame.images.of_itself(reach)?;
+        self.frame.own_images =
             collected(own.iter().map(|image| (image.offset_mm.into(), image.offset_mm.norm())))?;
         Ok(())
+    }
+
+    /// Brings centres back into a periodic box.
+    pub(super) fn wrap(&mut self) {
+        if !self.frame.container.is_periodic {
+            return;
+        }
+        let size = self.frame.container.bounds.each(|length| length * self.frame.stretch);
+        for hot in &mut self.hot {
+            for (x, length) in hot.center.iter_mut().zip(size) {
+                let wrapped = *x - length * (*x / length).floor();
+                *x = if wrapped < length { wrapped } else { 0.0 };
+            }
+        }
+    }
+}
+
+impl<S: ConvexShape> Part<'_, S> {
+    /// The same grains in two parts, cut before a leaf.
+    pub(super) fn split(&mut self, leaf: usize) -> [Part<'_, S>; 2] {
+        let (site, _) = self.halves.leaf(leaf);
+        // Lists lie in the order of the sites.
+        let group = self.cold[site].list.groups().start;
+        let (frame, halves, held) = (self.frame, self.halves, 0);
+        let [hot, hot_above] = self.hot.split(site);
+        let [cold, cold_above] = self.cold.split(site);
+        let [rank, rank_above] = self.rank.split(site);
+        let [groups, groups_above] = self.groups.split(group);
+        let [moved, moved_above] = self.moved.split(leaf);
+        let [active, active_above] = self.active.split(site);
+        let [next, next_above] = self.next.split(site);
+        [
+            Part { frame, halves, hot, cold, rank, groups, moved, active, next, held },
+            Part {
+                frame,
+                halves,
+                hot: hot_above,
+                cold: cold_above,
+                rank: rank_above,
+                groups: groups_above,
+                moved: moved_above,
+                active: active_above,
+                next: next_above,
+                held,
+            },
+        ]
     }
 
     /// Puts a grain elsewhere.
@@ -322,24 +427,10 @@ impl<S: ConvexShape> System<S> {
     /// By how much more than its gap a grain keeps from the lateral surface of a cylinder, and the direction in which
     /// it comes closest to it.
     pub(super) fn lateral_slack(&self, hot: &Hot<S::Turned>) -> (f64, Vector) {
-        let Some(radius) = self.container.lateral else { return (f64::INFINITY, [0.0; 3]) };
-        let axis = radius * self.stretch;
+        let Some(radius) = self.frame.container.lateral else { return (f64::INFINITY, [0.0; 3]) };
+        let axis = radius * self.frame.stretch;
         let (reach, n) = hot.turned.reach_across_mm([hot.center[0] - axis, hot.center[1] - axis]);
-        (axis - self.wall_gap(hot.d) - reach, n)
-    }
-
-    /// Brings centres back into a periodic box.
-    pub(super) fn wrap(&mut self) {
-        if !self.container.is_periodic {
-            return;
-        }
-        let size = self.container.bounds.each(|length| length * self.stretch);
-        for hot in &mut self.hot {
-            for (x, length) in hot.center.iter_mut().zip(size) {
-                let wrapped = *x - length * (*x / length).floor();
-                *x = if wrapped < length { wrapped } else { 0.0 };
-            }
-        }
+        (axis - self.frame.wall_gap(hot.d) - reach, n)
     }
 }
 

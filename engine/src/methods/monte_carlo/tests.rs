@@ -65,6 +65,7 @@ fn packing<'a>(
         keep_checkpoint: None,
         to_jamming: None,
         keeps_partial: false,
+        threads: NonZeroUsize::MIN,
     }
 }
 

@@ -25,6 +25,8 @@ mod search;
 mod tests;
 mod voxels;
 
+use std::num::NonZeroUsize;
+
 use nalgebra::UnitQuaternion;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -92,6 +94,8 @@ pub struct ShapeRsa<'a, S> {
     pub attempts_in: AttemptsIn,
     /// Draws orientations; [`crate::mix::uniform_orientation`] where none is preferred.
     pub orientation: &'a Orientation<'a>,
+    /// Most threads; the outcome does not depend on their number.
+    pub threads: NonZeroUsize,
 }
 
 /// How it ended.
@@ -261,7 +265,7 @@ impl<S: ConvexShape> Run<'_, S> {
             LOOSE..CROWDED => MIDDLE_LEVEL,
             _ => CROWDED_LEVEL,
         };
-        let tested = &mut self.statistics.voxels_tested;
+        let tested = (rsa.threads, &mut self.statistics.voxels_tested);
         let mut voxels = Voxels::new(&region, level, &grid, &self.inserted, tested)?;
         let (count, draws_before) = (grains.len() as u64, self.draws - self.further_draws);
         for grain in grains {

@@ -1,5 +1,6 @@
 //! Packings in all specimens, the law of places, and when saturation is proven.
 
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -54,6 +55,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
                     rule: DistanceRule::new(distance, specimen),
                     attempts_per_grain: Some(1_000_000),
                     attempts_in: AttemptsIn::Specimen,
+                    threads: NonZeroUsize::MIN,
                     orientation: &uniform_orientation,
                 };
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
@@ -78,6 +80,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
         rule,
         attempts_per_grain: Some(100_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     for seed in 0..20 {
@@ -103,6 +106,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
             rule,
             attempts_per_grain: None,
             attempts_in: AttemptsIn::Specimen,
+            threads: NonZeroUsize::MIN,
             orientation: &uniform_orientation,
         };
         rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended)
@@ -131,6 +135,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
         rule,
         attempts_per_grain: Some(1_000_000),
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let textbook = |rng: &mut Xoshiro256PlusPlus| {
@@ -194,6 +199,7 @@ fn spheres_are_placed_as_spheres() {
             rule,
             attempts_per_grain: Some(10_000_000),
             attempts_in: AttemptsIn::Reach,
+            threads: NonZeroUsize::MIN,
             orientation: &uniform_orientation,
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
@@ -271,6 +277,7 @@ fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
                 rule: DistanceRule::new(distance, &specimen),
                 attempts_per_grain,
                 attempts_in: AttemptsIn::Specimen,
+                threads: NonZeroUsize::MIN,
                 orientation: &uniform_orientation,
             };
             let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended);
@@ -287,6 +294,7 @@ fn grains_that_fit_exactly_are_placed_or_nothing_is_said_to_be_proven() {
         rule: DistanceRule::new(&none, &specimen),
         attempts_per_grain: None,
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let rng = &mut Xoshiro256PlusPlus::seed_from_u64(1);
@@ -320,6 +328,7 @@ fn a_stop_is_obeyed_and_progress_reported() {
         rule,
         attempts_per_grain: None,
         attempts_in: AttemptsIn::Specimen,
+        threads: NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
     let control = Stops(AtomicU64::new(0));

@@ -4,6 +4,8 @@
 //! hold all of it. Which voxels are dropped or split depends on failed draws alone, so that the law of accepted points
 //! stays.
 
+use std::num::NonZeroUsize;
+
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -12,11 +14,14 @@ use crate::arrays::{self, Each as _};
 use crate::domain::Region;
 use crate::gap::grain::Turned;
 use crate::gap::linear::Vector;
-use crate::memory::{OutOfMemory, make_room};
+use crate::memory::{OutOfMemory, collected, make_room};
 use crate::rng::uniform;
+use crate::threads::share;
 
 /// Deepest level: a cell's edge over 2^20. What is left there counts as a voxel for good.
 const MOST_LEVELS: usize = 20;
+/// Cells that a thread takes at once.
+const CELLS_PER_PIECE: usize = 4096;
 
 /// A voxel of some level: its cell, and its place in the cell in units of its own edge.
 #[derive(Clone, Copy, Debug)]
@@ -63,6 +68,13 @@ impl VoxelList {
         Ok(())
     }
 
+    fn append(&mut self, more: Self) -> Result<(), OutOfMemory> {
+        make_room(&mut self.words, more.words.len())?;
+        self.words.extend(more.words);
+        self.len += more.len;
+        Ok(())
+    }
+
     /// Takes a voxel out; the last one comes to its place.
     fn swap_remove(&mut self, index: usize) {
         let last = self.words.len() - self.words_each;
@@ -106,19 +118,41 @@ pub(super) struct Voxels {
 }
 
 impl Voxels {
-    /// All of the region that is not covered, down to a level of subdivision.
+    /// All of the region that is not covered, down to a level of subdivision. Threads share the cells.
     pub(super) fn new(
         region: &Region,
         level: usize,
         grid: &Grid,
         inserted: &[Inserted<impl Turned>],
-        tested: &mut u64,
+        (threads, tested): (NonZeroUsize, &mut u64),
     ) -> Result<Self, OutOfMemory> {
-        let cells = grid.counts.iter().product();
-        let levels = (0..=MOST_LEVELS).map(|level| VoxelList::new(level, cells)).collect();
-        let mut voxels = Self { levels, region: *region, cell_mm3: grid.edge.iter().product() };
-        for cell in 0..cells {
-            voxels.keep(Voxel { cell: cell as u32, at: [0; 3] }, 0, level, grid, inserted, tested)?;
+        let cells = grid.counts.iter().product::<usize>();
+        let empty = || Self {
+            levels: (0..=MOST_LEVELS).map(|level| VoxelList::new(level, cells)).collect(),
+            region: *region,
+            cell_mm3: grid.edge.iter().product(),
+        };
+        let pieces = if threads == NonZeroUsize::MIN { 1 } else { cells.div_ceil(CELLS_PER_PIECE).max(1) };
+        let end = |piece: usize| cells * piece / pieces;
+        let mut parts = collected((0..pieces).map(|_| (empty(), 0, Ok(()))))?;
+        share(threads, &mut parts, |piece, (voxels, tested, done)| {
+            *done = (end(piece)..end(piece + 1)).try_for_each(|cell| {
+                voxels.keep(Voxel { cell: cell as u32, at: [0; 3] }, 0, level, grid, inserted, tested)
+            });
+        });
+        let mut parts = parts.into_iter();
+        let mut voxels = empty();
+        if let Some((first, count, done)) = parts.next() {
+            done?;
+            voxels = first;
+            *tested += count;
+        }
+        for (part, count, done) in parts {
+            done?;
+            *tested += count;
+            for (list, more) in voxels.levels.iter_mut().zip(part.levels) {
+                list.append(more)?;
+            }
         }
         Ok(voxels)
     }

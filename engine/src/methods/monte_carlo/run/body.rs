@@ -16,7 +16,7 @@ use crate::packing::RsaStatistics;
 use crate::shape::Pose;
 
 /// Tells bodies of this method, and of this layout, from others.
-const MARK: u64 = u64::from_le_bytes(*b"mc-body5");
+const MARK: u64 = u64::from_le_bytes(*b"mc-body6");
 /// Floats of a grain.
 const FLOATS: usize = 9;
 
@@ -52,8 +52,8 @@ impl<S: ConvexShape> Run<S> {
             out.u64(value)?;
         }
         for value in [
-            self.system.stretch,
-            self.system.more,
+            self.system.frame.stretch,
+            self.system.frame.more,
             self.rate,
             self.swaps.window,
             self.mark.0,
@@ -126,8 +126,8 @@ impl<S: ConvexShape> Run<S> {
         let poses = filled(n, Pose::at(nalgebra::Vector3::zeros()))?;
         let mut run = Self::new(of, poses, 1.0, started)?;
         run.stage = stage;
-        run.system.stretch = stretch;
-        run.system.more = more;
+        run.system.frame.stretch = stretch;
+        run.system.frame.more = more;
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
@@ -174,15 +174,15 @@ impl<S: ConvexShape> Run<S> {
         let cold = &mut self.system.cold[site];
         (cold.shape, cold.step) = (shape, step);
         let turned = shape.turned(&rotation([w, i, j, k]));
-        self.system.set_pose(site, [x, y, z], [w, i, j, k], turned);
+        self.system.part().set_pose(site, [x, y, z], [w, i, j, k], turned);
     }
 
     /// Whether what was read can be a run of this request: one that cannot might never end.
     fn is_possible(&self) -> bool {
-        let bounds = self.system.container.bounds.each(|length| length * self.system.stretch);
+        let bounds = self.system.frame.container.bounds.each(|length| length * self.system.frame.stretch);
         let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
-        self.system.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
-            && self.system.more <= bounds.iter().sum()
+        self.system.frame.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
+            && self.system.frame.more <= bounds.iter().sum()
             && self.swaps.window > 0.0
             && (0.0..=1.0).contains(&self.fraction)
             && self.system.hot.iter().all(|hot| is_inside(hot.center))

@@ -23,7 +23,7 @@ use super::{BEYOND_TARGET, MonteCarlo, spread};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::gap::grain::{ConvexShape, Turned};
-use crate::memory::{Blocks, OutOfMemory, collected, filled, reserved};
+use crate::memory::{OutOfMemory, collected, filled, reserved};
 use crate::methods::growth::{Curve, Expansions, Interrupted, Outcome, may_go_on};
 use crate::methods::swap_pairs::{Families, SwapPairs};
 use crate::packing::{GrowthEnd, MonteCarloStatistics, RsaStatistics, Statistics};
@@ -37,6 +37,8 @@ const SWEEPS_PER_CYCLE: u64 = 5;
 const LEAST_MOVES: u64 = 2000;
 /// Swaps tried per grain in a cycle.
 const SWAPS_PER_GRAIN: f64 = 3.0;
+/// In one of so many cycles grains change places everywhere, where the specimen is cut into ranges.
+const CYCLES_PER_SWAPS_EVERYWHERE: u64 = 16;
 /// Relative difference of sizes that swaps start with.
 const FIRST_SWAP_WINDOW: f64 = 0.05;
 /// Growth of a cycle from which on the packing grows fast, relative.
@@ -127,8 +129,9 @@ impl<S: ConvexShape> Run<S> {
         started: Instant,
     ) -> Result<Self, OutOfMemory> {
         let mut system = System::new(&of.domain, of.rule, of.shapes, poses)?;
-        system.wall_share = if of.maximize == Some(None) { 0.5 } else { 0.0 };
-        system.stretch = 1.0 / scale;
+        system.threads = of.threads;
+        system.frame.wall_share = if of.maximize == Some(None) { 0.5 } else { 0.0 };
+        system.frame.stretch = 1.0 / scale;
         for hot in &mut system.hot {
             hot.center = hot.center.each(|x| x / scale);
         }
@@ -217,7 +220,7 @@ impl<S: ConvexShape> Run<S> {
     }
 
     fn is_full_size(&self) -> bool {
-        self.system.stretch <= 1.0 / BEYOND_TARGET
+        self.system.frame.stretch <= 1.0 / BEYOND_TARGET
     }
 
     /// Goes over from growth by scale, done, to growth of the gap.
@@ -234,7 +237,7 @@ impl<S: ConvexShape> Run<S> {
         match self.stage {
             Stage::Scale if to_jamming => Tighten::Shrink(1.0 / (1.0 + self.rate)),
             Stage::Scale => {
-                let target = 1.0 / BEYOND_TARGET / self.system.stretch;
+                let target = 1.0 / BEYOND_TARGET / self.system.frame.stretch;
                 // A trifle beyond, so that the last cycle reaches it.
                 Tighten::Shrink((1.0 / (1.0 + self.rate)).max(target * (1.0 - 1e-14)).min(1.0 - 1e-14))
             }
@@ -249,8 +252,8 @@ impl<S: ConvexShape> Run<S> {
 
     fn lists_are_due(&self, by: Tighten) -> bool {
         let (stretch, more) = match by {
-            Tighten::Shrink(factor) => (self.system.stretch * factor, self.system.more),
-            Tighten::Gap(by) => (self.system.stretch, self.system.more + by),
+            Tighten::Shrink(factor) => (self.system.frame.stretch * factor, self.system.frame.more),
+            Tighten::Gap(by) => (self.system.frame.stretch, self.system.frame.more + by),
         };
         self.listed_cycles >= CYCLES_PER_LIST
             || stretch < self.listed_stretch
@@ -288,20 +291,20 @@ impl<S: ConvexShape> Run<S> {
                 Stage::Gap => (1.0, growth * self.gap_unit()),
             };
             Lists::default().build(&mut self.system, shrink, reserve)?;
-            self.listed_stretch = self.system.stretch / shrink;
-            self.listed_more = self.system.more + reserve;
+            self.listed_stretch = self.system.frame.stretch / shrink;
+            self.listed_more = self.system.frame.more + reserve;
             self.listed_cycles = 0;
             self.system.held = 0;
             self.counted.list_rebuilds += 1;
             if self.stage == Stage::Scale {
                 return Ok(());
             }
-            self.kept = self.system.kept_gap(self.listed_more);
+            self.kept = self.system.part().kept_gap(self.listed_more);
             let is_known = self.kept < self.listed_more;
             is_loose |= !is_known;
             if is_loose {
                 // Few grains in much space keep a gap that growth would take long to reach.
-                self.system.widen_gaps(self.kept - self.system.more);
+                self.system.widen_gaps(self.kept - self.system.frame.more);
             }
             if is_known {
                 return Ok(());
@@ -312,7 +315,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// Measures the gap that the grains keep, and notes it as the last of the growth curve.
     fn measure_gap(&mut self) -> Result<(), OutOfMemory> {
-        self.kept = self.system.kept_gap(self.listed_more);
+        self.kept = self.system.part().kept_gap(self.listed_more);
         // The lists are those of growth to the size, or the grains are farther apart than they tell.
         if self.kept >= self.listed_more {
             self.build_lists()?;
@@ -334,10 +337,12 @@ impl<S: ConvexShape> Run<S> {
         self.listed_cycles += 1;
         let mut rng = cycle_stream(of.seed, self.counted.compression_cycles);
         if of.swap {
-            let tries = (SWAPS_PER_GRAIN * self.system.len() as f64) as u64;
+            // A gradient is one of the whole specimen.
+            let everywhere = of.preference.is_some()
+                || self.counted.compression_cycles.is_multiple_of(CYCLES_PER_SWAPS_EVERYWHERE);
             let Self { swaps, families, system, .. } = self;
             let grains = swap::SwapGrains { families, preference: of.preference };
-            swap::sweep(swaps, &grains, system, tries, &mut rng)?;
+            swap::sweep(swaps, &grains, system, (SWAPS_PER_GRAIN, everywhere), &mut rng)?;
         }
         if control.should_stop() {
             return Ok(false);
@@ -357,7 +362,7 @@ impl<S: ConvexShape> Run<S> {
         }
         self.compress(by)?;
         if self.stage == Stage::Gap {
-            self.kept = self.system.kept_gap(self.listed_more);
+            self.kept = self.system.part().kept_gap(self.listed_more);
         }
         self.note_point(of);
         self.report(of, control);
@@ -366,7 +371,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// Makes the packing tighter, as far as it goes, and sets the rate of the next cycle.
     fn compress(&mut self, by: Tighten) -> Result<(), OutOfMemory> {
-        let (stretch, more) = (self.system.stretch, self.system.more);
+        let (stretch, more) = (self.system.frame.stretch, self.system.frame.more);
         // It has the poses to go back to, and is given back before the next cycle needs memory for other things.
         let mut pusher = Pusher::default();
         let is_fast = self.rate >= FAST_RATE;
@@ -377,8 +382,8 @@ impl<S: ConvexShape> Run<S> {
             self.rate *= if pushed.sweeps < EASY_SWEEPS { EASY } else { CLEAR };
         } else if pusher.keep_what_is_valid(&mut self.system, by) {
             let kept = match by {
-                Tighten::Shrink(factor) => (stretch - self.system.stretch) / (stretch * (1.0 - factor)),
-                Tighten::Gap(by) => (self.system.more - more) / by,
+                Tighten::Shrink(factor) => (stretch - self.system.frame.stretch) / (stretch * (1.0 - factor)),
+                Tighten::Gap(by) => (self.system.frame.more - more) / by,
             };
             if kept > MOST_KEPT.0 {
                 self.rate *= MOST_KEPT.1;
@@ -389,7 +394,7 @@ impl<S: ConvexShape> Run<S> {
             pusher.undo(&mut self.system);
             self.rate *= NOTHING_KEPT;
         }
-        self.system.moved = Blocks::default();
+        self.system.moved = Vec::new();
         self.rate = self.rate.clamp(LEAST_RATE, MOST_RATE);
         Ok(())
     }
@@ -401,14 +406,15 @@ impl<S: ConvexShape> Run<S> {
     /// What grows, as a length or a factor.
     fn size(&self) -> f64 {
         match self.stage {
-            Stage::Scale => 1.0 / self.system.stretch,
-            Stage::Gap => self.system.more,
+            Stage::Scale => 1.0 / self.system.frame.stretch,
+            Stage::Gap => self.system.frame.more,
         }
     }
 
     /// Gives back what growth needs and the result, which takes memory of its own, does not.
     pub(super) fn forget_lists(&mut self) {
         self.system.groups = Vec::new();
+        self.system.halves.forget();
     }
 
     /// The shapes by rank.
@@ -430,7 +436,7 @@ impl<S: ConvexShape> Run<S> {
         let mut poses = filled(self.system.len(), Pose::at(nalgebra::Vector3::zeros()))?;
         let bounds = of.domain.bounds_mm;
         for ((hot, cold), &rank) in self.system.hot.iter().zip(&self.system.cold).zip(&self.system.rank) {
-            let mut center = hot.center.each(|x| x / self.system.stretch);
+            let mut center = hot.center.each(|x| x / self.system.frame.stretch);
             if of.domain.is_periodic() {
                 for (x, length) in center.iter_mut().zip(bounds) {
                     *x = if *x < length { *x } else { 0.0 };
@@ -443,7 +449,7 @@ impl<S: ConvexShape> Run<S> {
         let scale = match of.to_jamming {
             Some(_) => self.size(),
             None if self.is_full_size() => 1.0,
-            None => (1.0 / self.system.stretch).min(1.0 - f64::EPSILON),
+            None => (1.0 / self.system.frame.stretch).min(1.0 - f64::EPSILON),
         };
         Ok(Outcome {
             placed: poses,

@@ -70,12 +70,12 @@ impl<S: ConvexShape> Run<S> {
     /// Volume of the grains at their present size over that of the specimen.
     pub(super) fn volume_fraction(&self, of: &MonteCarlo<'_, S>) -> f64 {
         let most = if of.to_jamming.is_some() { f64::INFINITY } else { 1.0 };
-        self.target_fraction * (1.0 / self.system.stretch).min(most).powi(3)
+        self.target_fraction * (1.0 / self.system.frame.stretch).min(most).powi(3)
     }
 
     /// Notes the end of a cycle, in the forecast and in the growth curve.
     pub(super) fn note_point(&mut self, of: &MonteCarlo<'_, S>) {
-        let share = (1.0 / (self.system.stretch * BEYOND_TARGET)).powi(3);
+        let share = (1.0 / (self.system.frame.stretch * BEYOND_TARGET)).powi(3);
         self.forecast.note(self.work(), share);
         if self.curve.has(self.counted.compression_cycles) {
             self.curve.push(GrowthPoint {

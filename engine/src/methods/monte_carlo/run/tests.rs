@@ -1,5 +1,7 @@
 //! What happens to a packing that jams below its target.
 
+use std::num::NonZeroUsize;
+
 use nalgebra::Vector3;
 
 use super::end::{NEAR_TARGET, STALL_CYCLES};
@@ -34,6 +36,7 @@ fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
         keep_checkpoint: None,
         to_jamming: None,
         keeps_partial: false,
+        threads: NonZeroUsize::MIN,
     }
 }
 
@@ -48,7 +51,7 @@ fn jammed(of: &MonteCarlo<'_, Ellipsoid>, size: f64) -> Run<Ellipsoid> {
 /// The run jams at a size.
 fn jam(run: &mut Run<Ellipsoid>, size: f64) {
     run.pushes = Pushes::Light;
-    run.system.scale(1.0 / size / run.system.stretch);
+    run.system.scale(1.0 / size / run.system.frame.stretch);
     run.mark = (run.size(), run.counted.compression_cycles);
     run.counted.compression_cycles += STALL_CYCLES;
 }
@@ -91,7 +94,10 @@ fn a_checkpoint_has_the_expansions() {
     run.write(&mut body).unwrap();
     let read = Run::read(&of, &body, Instant::now()).unwrap();
     assert_eq!(read.expansions, run.expansions);
-    assert_eq!((read.expansions.number, read.system.stretch, read.mark), (1, run.system.stretch, run.mark));
+    assert_eq!(
+        (read.expansions.number, read.system.frame.stretch, read.mark),
+        (1, run.system.frame.stretch, run.mark)
+    );
 }
 
 /// Two octahedra at this size, which have grown by this share since the mark, so many cycles ago.
@@ -158,8 +164,10 @@ fn grains_stay_in_the_skins_that_their_lists_hold_for() {
                 run.build_lists().unwrap();
             }
             assert!(run.cycle(&of, by, &Unattended).unwrap());
-            for (i, (hot, cold)) in run.system.hot.iter().zip(&run.system.cold).enumerate() {
-                most = most.max(run.system.skin_used(i, hot.center, cold.orientation) / cold.skin);
+            let all = run.system.part();
+            for i in all.hot.range() {
+                let (hot, cold) = (&all.hot[i], &all.cold[i]);
+                most = most.max(all.skin_used(i, hot.center, cold.orientation) / cold.skin);
             }
         }
         assert!(run.is_full_size() && run.counted().swaps_accepted > 1000);
