@@ -136,12 +136,11 @@ impl<'a> Case<'a> {
         let rsa = MethodEstimate {
             // It grows nothing, so it has no largest distance.
             success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
-            time_s: match &self.mix.shapes {
-                None => features.rsa_time_s(filled, grains, attempts),
-                Some(_) => {
-                    let share = filled / features.rsa_limit(attempts);
-                    shapes::random_s(features.form(), self.form.angular, share, grains)
-                }
+            time_s: if self.mix.shapes.is_none() {
+                features.rsa_time_s(filled, grains, attempts)
+            } else {
+                let share = filled / features.rsa_limit(attempts);
+                shapes::random_s(features.form(), self.form.angular, share, grains)
             },
             volume_fraction_with_coating_reach: reach,
         };
