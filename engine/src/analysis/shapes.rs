@@ -49,7 +49,8 @@ impl<'a> Measured<'a> {
 /// The form of a grain and its sizes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredGrain {
-    /// Elongation and flatness; of a polyhedron those of the ellipsoid of equal inertia ([`Polyhedron::form`]).
+    /// Elongation and flatness; of a polyhedron those of the ellipsoid of equal inertia
+    /// ([`crate::shape::Polyhedron::form`]).
     pub form: Form,
     /// Volume, sieve size, length and thickness.
     pub sizes: CaliperSizes,
@@ -70,7 +71,7 @@ pub fn measured_grains<'a>(grains: impl Into<GrainsRef<'a>>) -> Option<Vec<Measu
 ///
 /// Means and shares are weighted by volume, which is mass for grains of one density. Of polyhedra, length and thickness
 /// are the largest and the least caliper width, of the rounded body; elongation, flatness and the axes are those of the
-/// ellipsoid of equal inertia ([`Polyhedron::form`]), of the core. Templates are measured once.
+/// ellipsoid of equal inertia ([`crate::shape::Polyhedron::form`]), of the core. Templates are measured once.
 #[must_use]
 pub fn shape_report(grains: &Solids) -> Option<ShapeReport> {
     if grains.is_empty() {
