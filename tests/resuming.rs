@@ -176,7 +176,9 @@ async fn exports_that_are_killed_at_any_moment_are_made_by_the_same_command() {
     for moment in 1..10 {
         if !killed_after(folder, &export, took * moment / 10).await {
             let again = packstone(folder, &export).await;
-            assert_eq!(again.code, Some(0), "{again:?}");
+            // It may have been killed when all files were complete: they are not overwritten, and compared below.
+            let is_refused = again.code == Some(3) && again.stderr.contains("these files exist");
+            assert!(again.code == Some(0) || is_refused && files(&out) == files(&expected), "{again:?}");
         }
         assert!(files(&out) == files(&expected), "{:?}", files(&out).keys());
         fs::remove_dir_all(&out).unwrap();

@@ -26,7 +26,7 @@ use packing::{End, Outcome, in_own_process};
 
 /// Width of the bracket in which a reach is found.
 const PRECISION: f64 = 0.004;
-/// Runs at one volume fraction: if all of them succeed, the reach is taken to lie above. All of six do with a
+/// Runs at the end of a search: if all of them succeed, the reach is taken to lie above. All of six do with a
 /// probability of one half where 89 % succeed.
 const RUNS_OF_A_LEVEL: u64 = 6;
 /// The same of requests of many grains, whose runs differ less.
@@ -196,7 +196,8 @@ fn measure(drawn: &Drawn, options: &Options<'_>, number: u64) -> Result<Record, 
     Ok(record)
 }
 
-/// The volume fractions with coating between which a method ceases to succeed.
+/// The volume fractions with coating between which a method ceases to succeed. Single runs find where, and all runs of a
+/// level are made at the lower one in the end: if one of them fails, it becomes the higher one.
 fn search(
     drawn: &Drawn,
     options: &Options<'_>,
@@ -204,7 +205,8 @@ fn search(
     method: &str,
     first: f64,
 ) -> Result<Option<[f64; 2]>, Failure> {
-    let (mut low, mut high) = (None, None);
+    // The lower one, with the runs that succeeded there.
+    let (mut low, mut high): (Option<(f64, u64)>, Option<f64>) = (None, None);
     let (mut filled, mut step, mut spent_s) = (first, STEP, 0.0);
     for level in 0..LEVELS {
         let volume_fraction = filled / record.coating;
@@ -213,23 +215,37 @@ fn search(
         }
         let request = drawn.at(volume_fraction.min(0.999), method);
         let grains = planned(&request)?.0.map_or(0.0, |plan| plan.grains);
-        let runs = if grains > MANY_GRAINS { RUNS_OF_MANY } else { RUNS_OF_A_LEVEL };
-        let (mut all, mut jammed) = (true, None);
-        for run in 0..runs {
-            let outcome = in_own_process(&request, 1 + run + 100 * level as u64, options.budget_s)?;
+        let all = if grains > MANY_GRAINS { RUNS_OF_MANY } else { RUNS_OF_A_LEVEL };
+        let is_narrow = |low: f64| high.is_some_and(|high| high - low <= PRECISION);
+        let before = low.filter(|(low, _)| *low == filled).map_or(0, |(_, runs)| runs);
+        let (mut runs, mut jammed) = (before, None);
+        let mut succeeds = true;
+        while succeeds && runs < if is_narrow(filled) { all } else { 1 } {
+            let outcome = in_own_process(&request, 1 + runs + 100 * level as u64, options.budget_s)?;
             spent_s += outcome.cpu_s;
-            all = outcome.end == End::Succeeded;
+            succeeds = outcome.end == End::Succeeded;
             jammed = outcome.reached.map(|share| share * filled);
             record.runs.push(Run { purpose: Purpose::Reach, method: method.into(), filled, outcome });
-            if !all {
-                break;
+            runs += 1;
+        }
+        if succeeds {
+            low = Some((filled, runs));
+        } else {
+            high = Some(filled);
+            low = low.filter(|(low, _)| *low < filled);
+            if before > 0 {
+                step = PRECISION;
             }
         }
-        *(if all { &mut low } else { &mut high }) = Some(filled);
         filled = match (low, high) {
-            (Some(low), Some(high)) if high - low <= PRECISION => break,
-            (Some(low), Some(high)) => (low + high) / 2.0,
-            (Some(low), None) => low + step,
+            (Some((low, runs)), Some(high)) if high - low <= PRECISION => {
+                if runs >= all {
+                    break;
+                }
+                low
+            }
+            (Some((low, _)), Some(high)) => (low + high) / 2.0,
+            (Some((low, _)), None) => low + step,
             // Grains that jammed tell where.
             (None, Some(high)) => {
                 jammed.map_or(high - step, |at| (at - PRECISION / 2.0).min(high - PRECISION))
@@ -241,7 +257,7 @@ fn search(
             break;
         }
     }
-    Ok(low.zip(high).map(|(low, high)| [low, high]))
+    Ok(low.zip(high).map(|((low, _), high)| [low, high]))
 }
 
 /// Runs at one volume fraction with coating by the method of the record; fewer of many grains, and within the budget.
