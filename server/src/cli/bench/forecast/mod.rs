@@ -196,8 +196,8 @@ fn measure(drawn: &Drawn, options: &Options<'_>, number: u64) -> Result<Record, 
     Ok(record)
 }
 
-/// The volume fractions with coating between which a method ceases to succeed. Single runs find where, and all runs of a
-/// level are made at the lower one in the end: if one of them fails, it becomes the higher one.
+/// The volume fractions with coating between which a method ceases to succeed. Single runs find where, and all runs of
+/// a level are made at the lower one in the end: if one of them fails, it becomes the higher one.
 fn search(
     drawn: &Drawn,
     options: &Options<'_>,
