@@ -50,6 +50,27 @@ pub struct Progress {
     pub growth: Option<Growth>,
 }
 
+impl Progress {
+    /// That of work which is counted: `fraction` is the share that is done, and 0 where there is nothing to do.
+    pub(crate) fn counted(
+        step: Step,
+        done: usize,
+        total: usize,
+        unit: &'static str,
+        message: impl Into<String>,
+    ) -> Self {
+        Self {
+            step,
+            fraction: done as f64 / total.max(1) as f64,
+            done: done as u64,
+            total: total as u64,
+            unit,
+            message: message.into(),
+            growth: None,
+        }
+    }
+}
+
 /// How far the grains have grown.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -98,8 +119,8 @@ pub trait Control: Sync {
     fn wants_last_checkpoint(&self) -> bool {
         false
     }
-    /// Whether a checkpoint is due. Asked between epochs; what is answered changes nothing about the
-    /// packing.
+    /// Whether a checkpoint is due. Asked between compression cycles; the answer does not change
+    /// the packing.
     fn wants_checkpoint(&self) -> bool {
         false
     }

@@ -386,15 +386,8 @@ impl Inspection {
 }
 
 fn report(control: &dyn Control, done: usize, total: usize) {
-    control.report(&Progress {
-        step: Step::Check,
-        fraction: done as f64 / total.max(1) as f64,
-        done: done as u64,
-        total: total as u64,
-        unit: "grains",
-        message: "checking every pair, the walls and the grading".into(),
-        growth: None,
-    });
+    let message = "checking every pair, the walls and the grading";
+    control.report(&Progress::counted(Step::Check, done, total, "grains", message));
 }
 
 #[cfg(test)]

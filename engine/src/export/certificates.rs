@@ -196,15 +196,7 @@ fn cells(certificate: &SeparationCertificate) -> [Cell; 10] {
 }
 
 fn report(control: &dyn Control, done: usize, total: usize) {
-    control.report(&Progress {
-        step: Step::Export,
-        fraction: if total > 0 { done as f64 / total as f64 } else { 0.0 },
-        done: done as u64,
-        total: total as u64,
-        unit: "pairs",
-        message: "writing certificates".into(),
-        growth: None,
-    });
+    control.report(&Progress::counted(Step::Export, done, total, "pairs", "writing certificates"));
 }
 
 #[cfg(test)]

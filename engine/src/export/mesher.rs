@@ -92,15 +92,7 @@ pub(super) fn read(
     bodies: Bodies,
     control: &dyn Control,
 ) -> Result<SolidMesh, ExportError> {
-    control.report(&Progress {
-        step: Step::Export,
-        fraction: 0.0,
-        done: 0,
-        total: 0,
-        unit: "elements",
-        message: "reading the elements".into(),
-        growth: None,
-    });
+    control.report(&Progress::counted(Step::Export, 0, 0, "elements", "reading the elements"));
     let input: Box<dyn Read> = files.open("msh")?;
     msh::read(input, bodies, control).map_err(|error| match error {
         MshError::Io(error) => ExportError::Write(error),

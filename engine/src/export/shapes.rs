@@ -104,15 +104,7 @@ impl Export for ShapeTableOptions {
         for grain in 0..grains {
             if grain.is_multiple_of(ROWS_PER_LOOK) {
                 go_on(control)?;
-                control.report(&Progress {
-                    step: Step::Export,
-                    fraction: grain as f64 / grains as f64,
-                    done: grain as u64,
-                    total: grains as u64,
-                    unit: "grains",
-                    message: "writing shapes".into(),
-                    growth: None,
-                });
+                control.report(&Progress::counted(Step::Export, grain, grains, "grains", "writing shapes"));
             }
             rows.row(&cells(model.grains, grain, &measured.of(grain)))?;
         }

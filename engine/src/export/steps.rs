@@ -18,15 +18,8 @@ pub(super) struct Steps<'a> {
 impl Steps<'_> {
     /// Reports that so many steps are done.
     pub(super) fn report(&self, done: usize) {
-        let fraction = if self.total == 0 { 1.0 } else { done as f64 / self.total as f64 };
-        self.control.report(&Progress {
-            step: Step::Export,
-            fraction: fraction.min(1.0),
-            done: done as u64,
-            total: self.total as u64,
-            unit: self.unit,
-            message: self.message.into(),
-            growth: None,
-        });
+        let counted = Progress::counted(Step::Export, done, self.total, self.unit, self.message);
+        let fraction = if self.total == 0 { 1.0 } else { counted.fraction.min(1.0) };
+        self.control.report(&Progress { fraction, ..counted });
     }
 }

@@ -334,15 +334,9 @@ impl<M> Cases<'_, M> {
     }
 
     fn report(&self, done: usize, total: usize, of_case: f64) {
-        self.control.report(&Progress {
-            step: Step::Export,
-            fraction: ((done as f64 + of_case) / total as f64).clamp(0.0, 1.0),
-            done: done as u64,
-            total: total as u64,
-            unit: "load cases",
-            message: String::new(),
-            growth: None,
-        });
+        let fraction = ((done as f64 + of_case) / total as f64).clamp(0.0, 1.0);
+        let counted = Progress::counted(Step::Export, done, total, "load cases", "");
+        self.control.report(&Progress { fraction, ..counted });
     }
 }
 

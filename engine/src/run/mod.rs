@@ -217,15 +217,7 @@ struct Drawn {
 
 impl Drawn {
     fn new(request: &PackingRequest, control: &dyn Control) -> Result<Self, PackError> {
-        control.report(&Progress {
-            step: Step::Sampling,
-            fraction: 0.0,
-            done: 0,
-            total: 0,
-            unit: "grains",
-            message: "drawing diameters".into(),
-            growth: None,
-        });
+        control.report(&Progress::counted(Step::Sampling, 0, 0, "grains", "drawing diameters"));
         let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
         let sampled = sampled(request, &mix, control)?;
         Ok(Self { mix, sampled })
@@ -370,15 +362,8 @@ fn judged(grains: &Grains, of: &Finishing<'_>, control: &dyn Control) -> Result<
         check::Fault::OutOfMemory { bytes } => PackError::OutOfMemory { bytes },
         fault => PackError::CheckFailed(fault.to_string()),
     })?;
-    control.report(&Progress {
-        step: Step::Check,
-        fraction: 1.0,
-        done: number,
-        total: number,
-        unit: "grains",
-        message: "checked".into(),
-        growth: None,
-    });
+    let counted = Progress::counted(Step::Check, grains.len(), grains.len(), "grains", "checked");
+    control.report(&Progress { fraction: 1.0, ..counted });
     Ok(checked)
 }
 

@@ -179,15 +179,7 @@ impl Counter<'_> {
     }
 
     fn report(&self, done: usize) {
-        self.control.report(&Progress {
-            step: Step::Export,
-            fraction: done as f64 / self.total.max(1) as f64,
-            done: done as u64,
-            total: self.total as u64,
-            unit: "grains",
-            message: self.what.into(),
-            growth: None,
-        });
+        self.control.report(&Progress::counted(Step::Export, done, self.total, "grains", self.what));
     }
 }
 

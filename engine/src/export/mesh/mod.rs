@@ -451,13 +451,6 @@ impl SurfaceReport {
 }
 
 fn report_progress(control: &dyn Control, done: usize, total: usize) {
-    control.report(&Progress {
-        step: Step::Export,
-        fraction: 0.8 * done as f64 / total.max(1) as f64,
-        done: done as u64,
-        total: total as u64,
-        unit: "grains",
-        message: "meshing surfaces".into(),
-        growth: None,
-    });
+    let counted = Progress::counted(Step::Export, done, total, "grains", "meshing surfaces");
+    control.report(&Progress { fraction: 0.8 * counted.fraction, ..counted });
 }

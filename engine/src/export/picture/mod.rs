@@ -22,7 +22,8 @@ use std::num::NonZeroUsize;
 
 use ::png::{BitDepth, ColorType, Compression, Encoder, EncodingError, PixelDimensions, Unit};
 
-use crate::control::{Control, Progress, Step};
+use crate::control::Control;
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
 use crate::grain::PlacedGrains;
 use scene::{Scene, View};
@@ -63,11 +64,7 @@ pub fn write(
     let rows_per_step = 64;
     let total = u64::from(view.pixels[1]);
     let mut step = |done: u64| {
-        let fraction = done as f64 / total as f64;
-        let message = String::new();
-        let progress =
-            Progress { step: Step::Export, fraction, done, total, unit: "rows", message, growth: None };
-        control.report(&progress);
+        Steps { control, total: total as usize, unit: "rows", message: "" }.report(done as usize);
         go_on(control)
     };
     let mut image = raster::render(

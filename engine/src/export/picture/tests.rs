@@ -172,7 +172,7 @@ fn a_sphere_has_its_true_size_in_the_picture() {
 fn a_stop_ends_the_work() {
     struct Stopped;
     impl Control for Stopped {
-        fn report(&self, _: &Progress) {}
+        fn report(&self, _: &crate::Progress) {}
         fn should_stop(&self) -> bool {
             true
         }

@@ -2,8 +2,7 @@
 //!
 //! The common two-dimensional mesoscale model of concrete is such a cut; `triangles` meshes it. A cut is perpendicular
 //! to one axis; its own axes `u`, `v` are the other two in the order x, y, z, so that `v` points upwards wherever z is
-//! one of them. Spheres are cut in circles, ellipsoids in ellipses, polyhedra in polygons (`grain::figure`). The
-//! module knows grains and their specimen; it must never know how they were packed.
+//! one of them. Spheres are cut in circles, ellipsoids in ellipses, polyhedra in polygons (`grain::figure`).
 
 mod coarse;
 mod cut;
@@ -25,10 +24,11 @@ pub(super) use triangles::mesh_of;
 pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 
 use crate::arrays::Each as _;
-use crate::control::{Control, Progress, Step};
+use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::kind::{Expected, Export, ExportEstimate, Made};
 use crate::export::mesh_check::check_slice;
+use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::GrainKind;
@@ -320,16 +320,9 @@ impl Export for SliceOptions {
             report.triangles = Some(meshed.report);
             return Ok(report);
         }
+        let unit = if options.format == SliceFormat::Png { "rows" } else { cut.noun() };
         let progress = |done: u64, total: u64| {
-            control.report(&Progress {
-                step: Step::Export,
-                fraction: if total == 0 { 1.0 } else { done as f64 / total as f64 },
-                done,
-                total,
-                unit: if options.format == SliceFormat::Png { "rows" } else { cut.noun() },
-                message: String::new(),
-                growth: None,
-            });
+            Steps { control, total: total as usize, unit, message: "" }.report(done as usize);
             go_on(control)
         };
         let sections = cut.sections.len() as u64;

@@ -145,13 +145,6 @@ fn go_on(control: &dyn Control) -> Result<(), DelaunayError> {
 
 /// Tells how many points are in, and the share of the time that is spent.
 fn report(control: &dyn Control, fraction: f64, done: usize, total: usize) {
-    control.report(&Progress {
-        step: Step::Export,
-        fraction,
-        done: done as u64,
-        total: total as u64,
-        unit: "points",
-        message: "Delaunay tetrahedralisation".to_owned(),
-        growth: None,
-    });
+    let counted = Progress::counted(Step::Export, done, total, "points", "Delaunay tetrahedralisation");
+    control.report(&Progress { fraction, ..counted });
 }
