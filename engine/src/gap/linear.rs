@@ -33,6 +33,22 @@ pub fn minus(a: Vector, b: Vector) -> Vector {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// The square of the distance of two points.
+#[inline(always)]
+#[must_use]
+pub fn distance2(a: Vector, b: Vector) -> f64 {
+    let r = minus(a, b);
+    dot(r, r)
+}
+
+/// The vector of length 1 along one that is not zero.
+#[inline(always)]
+#[must_use]
+pub fn unit(a: Vector) -> Vector {
+    let length = norm(a);
+    [a[0] / length, a[1] / length, a[2] / length]
+}
+
 /// A multiple.
 #[inline(always)]
 #[must_use]

@@ -15,12 +15,11 @@ use std::f64::consts::PI;
 use super::cache::SurfaceCache;
 use super::shell::{Wall, walls};
 use super::size::Other;
-use super::sphere;
 use crate::arrays::{self, Each as _};
 use crate::elementary::hypot;
 use crate::export::Model;
 use crate::gap::ellipsoids::Body;
-use crate::gap::linear::{Vector, cross, dot, norm, scaled};
+use crate::gap::linear::{Vector, cross, dot, norm, scaled, unit};
 use crate::gap::solids;
 use crate::geometry::convex::{Convex, Place};
 use crate::memory::{OutOfMemory, collected};
@@ -239,7 +238,7 @@ impl<'a> Bodies<'a> {
     pub(super) fn facing(&self, row: usize, other: usize, of_spheres: f64) -> Between {
         let Some(body) = self.solids.get(row) else {
             let (center, theirs) = (self.center(row), self.center(other));
-            let toward = sphere::unit(arrays::from_fn(|a| theirs[a] - center[a]));
+            let toward = unit(arrays::from_fn(|a| theirs[a] - center[a]));
             return Between { gap: of_spheres, toward, own: None };
         };
         let contact = self.solids[row.min(other)].contact(&self.solids[row.max(other)]);
@@ -259,7 +258,7 @@ impl<'a> Bodies<'a> {
             return polyhedron.at_wall(wall);
         }
         let Some((_, _, body)) = self.ellipsoid(row) else {
-            let toward = sphere::unit(arrays::from_fn(|a| foot[a] - center[a]));
+            let toward = unit(arrays::from_fn(|a| foot[a] - center[a]));
             let gap = wall.gap(center) - self.diameter(row) / 2.0;
             return AtWall { wall, foot, gap, toward, own: None };
         };
@@ -318,7 +317,7 @@ impl<'a> Bodies<'a> {
         let rotation = pose.rotation();
         let local: Vector = [0, 1, 2].each(|k| (0..3).map(|i| rotation[(i, k)] * toward[i]).sum());
         let times_axes = |p: Vector| [0, 1, 2].each(|k| p[k] * axes[k]);
-        let (p, q) = across(sphere::unit(times_axes(local)));
+        let (p, q) = across(unit(times_axes(local)));
         let per_radius = 2.0 / self.diameter(row);
         let (p, q) = (scaled(times_axes(p), per_radius), scaled(times_axes(q), per_radius));
         let (pp, pq, qq) = (dot(p, p), dot(p, q), dot(q, q));
@@ -392,7 +391,7 @@ impl Image {
     pub(super) fn balanced(&self, p: Vector) -> Vector {
         match self {
             Self::Sphere => p,
-            Self::Ellipsoid { roots, .. } => sphere::unit(arrays::from_fn(|k| p[k] / roots[k])),
+            Self::Ellipsoid { roots, .. } => unit(arrays::from_fn(|k| p[k] / roots[k])),
         }
     }
 
@@ -474,6 +473,6 @@ fn own_point(body: &Body, normal: Vector) -> Vector {
 /// Two unit vectors across a unit vector and each other.
 fn across(n: Vector) -> (Vector, Vector) {
     let axis = if n[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
-    let u = sphere::unit(cross(n, axis));
+    let u = unit(cross(n, axis));
     (u, cross(n, u))
 }

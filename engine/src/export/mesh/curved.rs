@@ -18,10 +18,10 @@ use std::f64::consts::PI;
 use super::bodies::Image;
 use super::grain::GAP_SHARE;
 use super::size::{Facing, Other};
-use super::sphere::{self, Fineness};
-use super::surface::{Shape, Surface, angle, cross, distance2, dot};
+use super::sphere::Fineness;
+use super::surface::{Shape, Surface, angle};
 use crate::arrays::Each as _;
-use crate::gap::linear::{Vector, minus, scaled, sum};
+use crate::gap::linear::{Vector, cross, distance2, dot, minus, scaled, sum, unit};
 
 /// Times that areas are averaged with those of neighbours.
 const AVERAGINGS: usize = 4;
@@ -60,7 +60,7 @@ impl Ball<'_> {
     /// The point of the sphere that is mapped to a vertex, or to the point of the grain on the same ray.
     fn on_sphere(&self, p: Vector) -> Vector {
         let p = if self.is_even() { self.image.back(p) } else { p };
-        sphere::unit(p).each(|x| x * self.radius)
+        unit(p).each(|x| x * self.radius)
     }
 
     /// The vertex on the same ray as a point.
@@ -263,7 +263,7 @@ impl Even<'_> {
     fn most_mm(&self, p: Vector) -> f64 {
         let semi_axes = self.ball.image.semi_axes(self.ball.radius);
         let shortest = semi_axes.into_iter().fold(f64::INFINITY, f64::min);
-        let curved = EDGE_PER_RADIUS * least_radius(semi_axes, sphere::unit(self.ball.on_sphere(p)));
+        let curved = EDGE_PER_RADIUS * least_radius(semi_axes, unit(self.ball.on_sphere(p)));
         self.edge_mm.min(curved.max(EDGE_PER_SEMI_AXIS * shortest))
     }
 

@@ -16,7 +16,7 @@ use super::tests::{CUBE, CYLINDER, assert_closed_sphere, smallest_angle};
 use super::*;
 use crate::distance::DistanceRule;
 use crate::gap::ellipsoids::Body;
-use crate::gap::linear::minus;
+use crate::gap::linear::{self, dot, minus};
 use crate::methods::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::mix::uniform_orientation;
 use crate::packing::{Solids, Spheres};
@@ -125,14 +125,13 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
         }
         for corners in triangles {
             let [a, b, c] = corners.map(|p| points[p as usize]);
-            let normal = surface::cross(from(b, a), from(c, a));
-            sum += surface::dot(from(a, center), normal) / 6.0;
+            let normal = linear::cross(from(b, a), from(c, a));
+            sum += dot(from(a, center), normal) / 6.0;
             if is_very_flat {
                 continue;
             }
-            let above =
-                points.iter().map(|p| surface::dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
-            let height_mm = above / surface::dot(normal, normal).sqrt();
+            let above = points.iter().map(|p| dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
+            let height_mm = above / dot(normal, normal).sqrt();
             assert!(
                 height_mm <= outside_mm + 1e-9 * longest,
                 "{row}: a vertex lies {height_mm} mm above a triangle, {outside_mm}"
@@ -152,7 +151,7 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
             assert!(points.iter().all(|p| quadratic(*theirs, *p) > 1.0), "{row} reaches into {other}");
             if row < other {
                 let gap = bodies[row].with(&bodies[other]).gap();
-                let along = |p: &[f64; 3]| surface::dot(*p, gap.normal);
+                let along = |p: &[f64; 3]| dot(*p, gap.normal);
                 let high = points.iter().map(along).fold(f64::NEG_INFINITY, f64::max);
                 let low = mesh.grain(other).0.iter().map(along).fold(f64::INFINITY, f64::min);
                 assert!(high + 0.45 * gap.gap_mm <= low, "{row} {other}: {high} {low} {gap:?}");
@@ -175,8 +174,8 @@ fn assert_dents_are_wanted(points: &[[f64; 3]], triangles: &[[u32; 3]], rounding
     for (&[a, b], &c) in &beyond {
         let placed = [a, b, c, beyond[&[b, a]]].map(|p| points[p as usize]);
         let [a, b, c, d] = placed;
-        let normal = surface::cross(minus(b, a), minus(c, a));
-        let height_mm = surface::dot(normal, minus(d, a)) / surface::dot(normal, normal).sqrt();
+        let normal = linear::cross(minus(b, a), minus(c, a));
+        let height_mm = dot(normal, minus(d, a)) / dot(normal, normal).sqrt();
         let angles = curved::opposite_angles(placed);
         assert!(
             height_mm <= rounding_mm || angles.is_some_and(|angles| angles < PI - curved::CLEARLY + 1e-6),
@@ -190,7 +189,7 @@ fn cross(points: &[[f64; 3]], one: [u32; 3], other: [u32; 3]) -> bool {
     let at = |p: u32| points[p as usize];
     let volume = |[a, b, c, d]: [u32; 4]| {
         let [b, c, d] = [b, c, d].map(|p| minus(at(p), at(a)));
-        surface::dot(surface::cross(b, c), d)
+        dot(linear::cross(b, c), d)
     };
     let goes_through = |[a, b, c]: [u32; 3], p: u32, q: u32| {
         let sides = [volume([p, q, a, b]), volume([p, q, b, c]), volume([p, q, c, a])];
@@ -227,8 +226,7 @@ fn long_and_flat_ellipsoids_have_triangles_that_are_nearly_equilateral() {
             // Twice the inscribed over the circumscribed radius: 1 of an equilateral triangle.
             let shape = |corners: &[u32; 3]| {
                 let [a, b, c] = corners.map(|p| points[p as usize]);
-                let [p, q, r] =
-                    [minus(a, b), minus(b, c), minus(c, a)].map(|side| surface::dot(side, side).sqrt());
+                let [p, q, r] = [minus(a, b), minus(b, c), minus(c, a)].map(|side| dot(side, side).sqrt());
                 (q + r - p) * (r + p - q) * (p + q - r) / (p * q * r)
             };
             let mean = triangles.iter().map(shape).sum::<f64>() / triangles.len() as f64;
@@ -307,7 +305,7 @@ fn ellipsoids_have_their_volume_and_the_triangles_estimated() {
                     .iter()
                     .map(|corners| {
                         let [a, b, c] = corners.map(|p| [0, 1, 2].map(|i| points[p as usize][i] - center[i]));
-                        surface::dot(a, surface::cross(b, c))
+                        dot(a, linear::cross(b, c))
                     })
                     .sum();
                 let [a, b, c] = grains.shapes[row].ellipsoid().unwrap().semi_axes_mm().into();
@@ -355,7 +353,7 @@ fn equal_semi_axes_make_the_mesh_of_a_sphere() {
         Mesh::new(&Model::new(&CUBE, &spheres), &options, &Limits::default(), &Unattended).unwrap();
     assert_eq!(of_ellipsoid.grain(0).1, of_sphere.grain(0).1);
     for (p, q) in of_ellipsoid.grain(0).0.iter().zip(of_sphere.grain(0).0) {
-        assert!(surface::distance2(*p, *q).sqrt() < 1e-12);
+        assert!(linear::distance2(*p, *q).sqrt() < 1e-12);
     }
 }
 

@@ -16,9 +16,10 @@ use super::options::{FaceChoice, SurfaceOptions, VolumeCorrection};
 use super::polyhedron::{self, Angular, Placed};
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{Fineness, Finenesses};
-use super::surface::{Shape as _, Surface, dot};
+use super::surface::{Shape as _, Surface};
 use super::template_surface::TemplateFacets;
 use crate::elementary::ln;
+use crate::gap::linear::dot;
 use crate::memory::OutOfMemory;
 
 /// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.

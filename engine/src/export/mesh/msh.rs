@@ -1,9 +1,9 @@
 //! Gmsh's MSH 4.1: the surfaces of a packing as discrete entities, and the volumes that they bound.
 //!
 //! The file has the topology that Gmsh needs to fill it: points, curves and surfaces of the specimen, a
-//! closed surface and a volume for each grain, and the matrix, bounded by all of them; [`script`] has the one
-//! word that cannot be said in it. Volume 1 is the matrix, volume `2 + id` a grain. Binary, for it is read
-//! several times faster, and to the last bit. It knows the format; it must never know how triangles are made.
+//! closed surface and a volume for each grain, and the matrix, bounded by all of them. MSH cannot request
+//! meshing; the companion that [`script`] makes does. Volume 1 is the matrix, volume `2 + id` a grain. The file is
+//! binary, because that is read several times faster, and to the last bit.
 
 use std::io::Write;
 
@@ -15,7 +15,6 @@ use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
-use crate::request::Specimen;
 
 /// Tags of the physical groups; those of the faces of the specimen follow.
 const MATRIX: i32 = 1;
@@ -25,14 +24,6 @@ const FIRST_FACE: i32 = 4;
 /// Element types of the format.
 const LINE: i32 = 1;
 const TRIANGLE: i32 = 2;
-
-/// Judges what can be judged before there are grains.
-///
-/// # Errors
-/// [`ExportError::Unavailable`] for a periodic box.
-pub fn check(specimen: &Specimen, _: &SurfaceOptions, _: &Limits) -> Result<(), ExportError> {
-    super::check(specimen)
-}
 
 /// Writes the file.
 ///

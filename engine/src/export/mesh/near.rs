@@ -1,6 +1,5 @@
 //! What stands close to a grain: other grains, looked up by cells of the octave of their diameters.
-//!
-//! It knows centres and the spheres around grains; it must never know what is made of them.
+//! Gaps are those of the spheres around the grains.
 
 use crate::geometry::cells::Octaves;
 use crate::memory::OutOfMemory;
@@ -38,7 +37,7 @@ impl Near {
         mut visit: impl FnMut(usize, f64),
     ) {
         self.octaves.for_each_near(center, radius, reach_mm, |other| {
-            let distance2 = super::surface::distance2(center, other.center_mm);
+            let distance2 = crate::gap::linear::distance2(center, other.center_mm);
             let touch = radius + other.d_mm / 2.0;
             if distance2 < (touch + reach_mm).powi(2) && Some(other.row as usize) != own {
                 visit(other.row as usize, distance2.sqrt() - touch);

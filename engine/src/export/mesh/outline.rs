@@ -1,6 +1,6 @@
 //! The outline of a specimen: its corners and edges as the vertices of its shell lie on them.
 //!
-//! Formats with topology ask for it. It knows a shell; it must never know how it is written.
+//! Formats with topology ask for it.
 
 use std::collections::HashMap;
 

@@ -5,6 +5,7 @@
 use super::tests::{CUBE, CYLINDER, assert_closed_sphere};
 use super::*;
 use crate::export::polyhedra_samples::{mixed, packed};
+use crate::gap::linear;
 use crate::gap::polyhedra::Body;
 use crate::geometry::convex::{Convex, Place};
 use crate::packing::Solids;
@@ -41,12 +42,12 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
         let d = grains.shapes[row].d_mm();
         for corners in triangles {
             let [a, b, c] = corners.map(|p| points[p as usize]);
-            let normal = surface::cross(from(b, a), from(c, a));
-            let length = surface::dot(normal, normal).sqrt();
+            let normal = linear::cross(from(b, a), from(c, a));
+            let length = linear::dot(normal, normal).sqrt();
             assert!(length > 1e-9 * d * d, "{row}: a triangle of the area {}", length / 2.0);
-            sum += surface::dot(from(a, center), normal) / 6.0;
+            sum += linear::dot(from(a, center), normal) / 6.0;
             let above =
-                points.iter().map(|p| surface::dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
+                points.iter().map(|p| linear::dot(normal, from(*p, a))).fold(f64::NEG_INFINITY, f64::max);
             assert!(
                 above / length < most_dent * d,
                 "{row}: a vertex lies {} above a triangle",
@@ -71,7 +72,7 @@ fn assert_sound(specimen: &Specimen, grains: &Solids, mesh: &Mesh, report: &Surf
             assert!(points.iter().all(|p| template.distance(&place.local(&(*p).into())) > 0.0));
             if row < other {
                 let contact = bodies[row].with(&bodies[other]).contact();
-                let along = |p: &[f64; 3]| surface::dot(*p, contact.normal.into());
+                let along = |p: &[f64; 3]| linear::dot(*p, contact.normal.into());
                 let high = points.iter().map(along).fold(f64::NEG_INFINITY, f64::max);
                 let low = mesh.grain(other).0.iter().map(along).fold(f64::INFINITY, f64::min);
                 assert!(high + 0.45 * contact.gap_mm <= low, "{row} {other}: {high} {low} {contact:?}");
@@ -218,7 +219,7 @@ fn ellipsoids_and_polyhedra_are_meshed_together() {
             let center: [f64; 3] = grains.poses[row].center_mm.into();
             for corners in triangles {
                 let [a, b, c] = corners.map(|p| [0, 1, 2].map(|k| points[p as usize][k] - center[k]));
-                volume += surface::dot(a, surface::cross(b, c)) / 6.0;
+                volume += linear::dot(a, linear::cross(b, c)) / 6.0;
             }
             for other in (0..grains.len()).filter(|other| *other != row) {
                 let body = crate::gap::solids::Body::new(grains.shape(other), &grains.poses[other]);
@@ -274,7 +275,7 @@ fn the_script_of_solids_has_the_bodies_of_the_mesh() {
             for (_, coordinates) in points {
                 let x: Vec<f64> =
                     coordinates.trim_end_matches("};").split(", ").map(|x| x.parse().unwrap()).collect();
-                let nearest = mesh.grain_points().iter().map(|p| surface::distance2(*p, [x[0], x[1], x[2]]));
+                let nearest = mesh.grain_points().iter().map(|p| linear::distance2(*p, [x[0], x[1], x[2]]));
                 assert!(nearest.fold(f64::INFINITY, f64::min).sqrt() < 1e-12);
                 found += 1;
             }

@@ -1,7 +1,6 @@
 //! The surface of the specimen: its faces, the curves where two meet, and the points where curves end.
 //!
-//! Which of these a vertex lies on is kept as the set of faces it belongs to. It knows the faces of the domain, and
-//! the grains as something close; it must never know what is written of it.
+//! Which of these a vertex lies on is kept as the set of faces it belongs to. Edges follow the gap to the grains.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;

@@ -4,9 +4,9 @@
 //! whatever mesher places it. So edges follow the gap, down to a floor. It knows shapes and gaps; it must
 //! never know triangles.
 
-use super::surface::{distance2, dot};
 use crate::arrays::{self, Each as _};
 use crate::elementary::hypot;
+use crate::gap::linear::{distance2, dot};
 use crate::geometry::convex::{Convex, Place};
 
 /// Most steps to the distance of an ellipsoid, which few of them find to rounding.

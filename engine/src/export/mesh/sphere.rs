@@ -7,9 +7,10 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::surface::{Surface, cross, distance2, dot};
+use super::surface::Surface;
 use crate::arrays::Each as _;
 use crate::elementary::sin_cos;
+use crate::gap::linear::{cross, distance2, dot, unit};
 
 /// Segments of a great circle of a polyhedron with `T = 1`. A polyhedron of `20 T` equal triangles on the unit sphere
 /// has edges of `sqrt(4 pi / (5 sqrt(3) T))`, that is `1.2046 / sqrt(T)`.
@@ -213,9 +214,4 @@ fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
     let (x, y) = (cos * x - sin * y, sin * x + cos * y);
     let (sin, cos) = sin_cos(0.60);
     [x, cos * y - sin * z, sin * y + cos * z]
-}
-
-pub(super) fn unit(p: [f64; 3]) -> [f64; 3] {
-    let length = dot(p, p).sqrt();
-    p.each(|x| x / length)
 }

@@ -6,28 +6,19 @@
 use std::io::Write;
 use std::ops::Range;
 
-use super::surface::{cross, dot};
 use super::{Mesh, SurfaceOptions, SurfaceReport};
 use crate::arrays::Each as _;
 use crate::control::Control;
 use crate::export::archive::{Archive, Content, PIECE_BYTES};
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
+use crate::gap::linear::{cross, dot};
 use crate::plan::Limits;
-use crate::request::Specimen;
 
 /// Most triangles of an STL file: their number has 32 bits.
 const MAX_TRIANGLES: usize = u32::MAX as usize;
 const HEADER_BYTES: usize = 84;
 const TRIANGLE_BYTES: usize = 50;
-
-/// Judges what can be judged before there are grains.
-///
-/// # Errors
-/// [`ExportError::Unavailable`] for a periodic box.
-pub fn check(specimen: &Specimen, _: &SurfaceOptions, _: &Limits) -> Result<(), ExportError> {
-    super::check(specimen)
-}
 
 /// Writes the zip.
 ///

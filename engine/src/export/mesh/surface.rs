@@ -5,13 +5,13 @@
 //! must, and no angle falls below half of the smallest that the surface began with. Afterwards edges are
 //! flipped until the surface is Delaunay's (Lawson 1977); on a sphere that is the convex hull of its
 //! vertices, and it has to be: beyond an edge that is dented inwards, the mesher is left with a tetrahedron
-//! as flat as the dent, unless the other diagonal is far from Delaunay's. It knows triangles and a wanted
-//! length of edges; it must never know what the surface is of.
+//! as flat as the dent, unless the other diagonal is far from Delaunay's.
 
 use std::f64::consts::PI;
 
 use crate::arrays::{self, Each as _};
 use crate::elementary::atan2;
+use crate::gap::linear::{cross, distance2, dot};
 
 /// Most flips of edges for each triangle; Delaunay's surfaces take a few.
 const MOST_FLIPS: usize = 30;
@@ -276,17 +276,4 @@ pub(super) fn make_more_than_half_a_turn(one: [[f64; 3]; 2], other: [[f64; 3]; 2
 pub(super) fn angle([p, q]: [[f64; 3]; 2]) -> f64 {
     let normal = cross(p, q);
     atan2(dot(normal, normal).sqrt(), dot(p, q))
-}
-
-pub(super) fn distance2(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let [x, y, z] = arrays::from_fn(|i| a[i] - b[i]);
-    x * x + y * y + z * z
-}
-
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

@@ -13,10 +13,10 @@ use nalgebra::Vector3;
 
 use super::facets::Facets;
 use super::solid::for_each_place;
-use super::surface::{Shape, Surface, distance2, make_more_than_half_a_turn};
+use super::surface::{Shape, Surface, make_more_than_half_a_turn};
 use crate::arrays::Each as _;
 use crate::elementary::atan2;
-use crate::gap::linear::{Vector, cross, dot, minus, norm, scaled, sum};
+use crate::gap::linear::{Vector, cross, distance2, dot, minus, norm, scaled, sum};
 use crate::geometry::convex::directed_edges;
 
 /// Edges in multiples of those asked for, from step to step: what is coarse is put in order before it is divided.

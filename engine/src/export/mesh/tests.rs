@@ -8,9 +8,9 @@ use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use super::surface::{cross, distance2, dot};
 use super::*;
 use crate::control::Unattended;
+use crate::gap::linear::{cross, distance2, dot};
 use crate::packing::Spheres;
 use crate::request::decode::{At, Faults};
 use crate::request::{Boundary, Specimen};
@@ -332,7 +332,7 @@ fn a_mesh_that_lacks_much_volume_is_refused_and_one_that_lacks_little_warns() {
 fn periodic_boxes_and_meshes_beyond_the_limit_say_what_to_do() {
     let periodic = Specimen::Box { size_mm: [20.0; 3], boundary: Boundary::Periodic };
     let limits = Limits::default();
-    let refused = msh::check(&periodic, &SurfaceOptions::default(), &limits).unwrap_err();
+    let refused = check(&periodic).unwrap_err();
     assert!(refused.to_string().contains("walls, or ask for voxels"), "{refused}");
     let packing = crowded();
     let model = Model::new(&CUBE, &packing);

@@ -13,7 +13,7 @@ use super::grid::{Grid, Inserted};
 use crate::arrays::{self, Each as _};
 use crate::domain::Region;
 use crate::gap::grain::Turned;
-use crate::gap::linear::Vector;
+use crate::gap::linear::{Vector, norm};
 use crate::memory::{OutOfMemory, collected, make_room};
 use crate::rng::uniform;
 use crate::threads::share;
@@ -172,7 +172,7 @@ impl Voxels {
         let center = arrays::from_fn(|a| corner[a] + half[a]);
         *tested += 1;
         if self.region.misses_cuboid(center, half)
-            || grid.covering_ball(voxel.cell as usize, center, length(half), inserted).is_some()
+            || grid.covering_ball(voxel.cell as usize, center, norm(half), inserted).is_some()
         {
             return Ok(());
         }
@@ -240,7 +240,7 @@ impl Voxels {
             index,
             center: arrays::from_fn(|a| corner[a] + half[a]),
             half,
-            radius_mm: length(half),
+            radius_mm: norm(half),
         })
     }
 
@@ -277,9 +277,4 @@ fn place(voxel: &Voxel, level: usize, grid: &Grid) -> (Vector, Vector) {
     let corner = grid.corner(voxel.cell as usize);
     let edge = grid.edge.each(|e| e * scale);
     (arrays::from_fn(|a| corner[a] + f64::from(voxel.at[a]) * edge[a]), edge)
-}
-
-#[inline(always)]
-fn length(v: Vector) -> f64 {
-    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }

@@ -21,8 +21,8 @@ use crate::control::Control;
 use crate::export::groups::AggregateGroups;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
+use crate::request::GrainKind;
 use crate::request::decode::Object;
-use crate::request::{GrainKind, Specimen};
 use script::Script;
 
 /// Length of a script without grains.
@@ -92,14 +92,6 @@ pub struct GeoReport {
     /// What is missing of the mesh, in words.
     #[serde(default)]
     pub warnings: Vec<String>,
-}
-
-/// Judges what can be judged before there are grains.
-///
-/// # Errors
-/// [`ExportError::Unavailable`] for a periodic box.
-pub fn check(specimen: &Specimen, _: &GeoOptions, _: &Limits) -> Result<(), ExportError> {
-    super::check(specimen)
 }
 
 /// Writes the script.
