@@ -100,7 +100,7 @@ fn added<S: ConvexShape>(name: &str, published: &str, shape: S, grains: usize, s
             orientation: &uniform_orientation,
         };
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
-        outcome.poses.len() as f64 / grains as f64
+        outcome.placed.len() as f64 / grains as f64
     });
     println!("| {name} | {published} | {grains} | {seed} | {fractions:.4?} |");
 }

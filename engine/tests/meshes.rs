@@ -119,7 +119,7 @@ fn ellipsoids(specimen: &Specimen, gap_mm: f64) -> Solids {
         threads: std::num::NonZeroUsize::MIN,
         orientation: &uniform_orientation,
     };
-    let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).poses;
+    let poses = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &Unattended).placed;
     Solids::of_ellipsoids(shapes[..poses.len()].to_vec(), poses)
 }
 

@@ -8,8 +8,8 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::{Value, json};
 
+use super::addition::End;
 use super::monte_carlo::{self, MonteCarlo};
-use super::rsa::End;
 use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::PackingRequest;
 use crate::control::Unattended;
@@ -95,8 +95,8 @@ fn inserted(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(5), &Unattended);
-    assert_eq!(outcome.end, End::Complete, "{specimen:?}, {} of {}", outcome.poses.len(), shapes.len());
-    outcome.poses
+    assert_eq!(outcome.end, End::Complete, "{specimen:?}, {} of {}", outcome.placed.len(), shapes.len());
+    outcome.placed
 }
 
 fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> Vec<Pose> {

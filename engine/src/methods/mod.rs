@@ -1,9 +1,12 @@
 //! Packing methods: each finds positions for the grains of a mix in a specimen.
 //!
-//! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] ellipsoids and convex polyhedra;
+//! [`rsa`] inserts spheres one after the other at their final size, [`rsa_shapes`] grains of other shapes; [`addition`]
+//! has what both share.
+//!
 //! [`edmd`] lets smaller spheres move, collide and grow, [`monte_carlo`] lets any grains move at random, push each
 //! other and grow; [`growth`] has what both share.
 
+pub mod addition;
 mod bins;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]

@@ -12,9 +12,9 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use serde_json::json;
 
+use super::addition::End;
 use super::growth::Outcome;
 use super::monte_carlo::MonteCarlo;
-use super::rsa::End;
 use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::check::certify_shapes;
 use crate::control::{Control, Progress, Unattended};
@@ -177,7 +177,7 @@ fn added_grains_keep_all_gaps_in_all_specimens() {
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
                 let outcome = run();
                 assert_eq!(outcome.end, End::Complete, "{specimen:?} {distance:?}");
-                assert_valid(specimen, distance, &shapes, &outcome.poses);
+                assert_valid(specimen, distance, &shapes, &outcome.placed);
                 assert_eq!(outcome, run());
             }
         }
@@ -225,7 +225,7 @@ properties! {
             let rsa = rsa(&shapes, &specimen, &distance);
             let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
             prop_assert_eq!(outcome.end, End::Complete);
-            outcome.poses
+            outcome.placed
         };
         assert_valid(&specimen, &distance, &shapes, &poses);
     }
@@ -280,7 +280,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
         let outcome = rsa.run(&mut rng, &Unattended);
         assert_eq!(outcome.end, End::Complete);
         let (poses, attempts) = textbook(&mut rng);
-        let both = [measure(&outcome.poses, outcome.statistics.attempts), measure(&poses, attempts)];
+        let both = [measure(&outcome.placed, outcome.statistics.attempts), measure(&poses, attempts)];
         for (sum, of) in sums.iter_mut().zip(both) {
             for (sum, x) in sum.iter_mut().zip(of) {
                 *sum = [sum[0] + x, sum[1] + x * x];

@@ -10,9 +10,9 @@ use crate::checkpoint::Resume;
 use crate::control::{Control, Part, StopToFinish};
 use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
 use crate::memory::OutOfMemory;
+use crate::methods::addition::{self, End};
 use crate::methods::growth::{Interrupted, Outcome};
-use crate::methods::rsa::End;
-use crate::packing::{Grains, GrowthEnd, MethodUsed, PartialReason, RsaStatistics, Statistics};
+use crate::packing::{Grains, GrowthEnd, MethodUsed, PartialReason, Statistics};
 use crate::request::{Distance, GrowthBy, GrowthOptions, Method, OnLimit};
 
 /// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
@@ -65,7 +65,7 @@ pub(super) trait Job<'a> {
         attempts_per_grain: Option<u64>,
         is_alone: bool,
         control: &StopToFinish<'_>,
-    ) -> Result<(Vec<Self::Place>, RsaStatistics, End), OutOfMemory>;
+    ) -> Result<addition::Outcome<Self::Place>, OutOfMemory>;
 
     /// Grows the grains.
     ///
@@ -131,7 +131,8 @@ fn insert<'a>(
 ) -> Result<Placed, PackError> {
     let start = Instant::now();
     let part = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
-    let (places, statistics, end) = job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&part))?;
+    let addition::Outcome { placed: places, statistics, end } =
+        job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&part))?;
     let placed = places.len();
     let short = kept_insertion(&job.run(), end, placed, &part);
     if end == End::Complete || short.is_some() {

@@ -17,9 +17,9 @@ use crate::domain::Domain;
 use crate::export::{ExportError, Writes};
 use crate::gap::grain::ConvexShape;
 use crate::memory::OutOfMemory;
+use crate::methods::addition::End;
 use crate::methods::growth::Interrupted;
 use crate::methods::monte_carlo::{self, MonteCarlo};
-use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, Orientation, ShapeRsa};
 use crate::packing::{GrowthEnd, MethodUsed};
 use crate::plan::Limits;
@@ -203,9 +203,9 @@ fn insert<G: ConvexShape>(
     };
     let outcome = rsa.run_with(None, None, MOST_DRAWS, &mut stream(mix.seed, Stream::Rsa), control);
     match outcome.end {
-        End::Complete => Ok(outcome.poses),
+        End::Complete => Ok(outcome.placed),
         End::InsertionFailed { attempts, .. } => {
-            Err(OwnError::NoPlace { placed: outcome.poses.len(), attempts })
+            Err(OwnError::NoPlace { placed: outcome.placed.len(), attempts })
         }
         End::Stopped => Err(OwnError::Stopped),
         End::OutOfMemory { bytes } => Err(OwnError::OutOfMemory { bytes }),

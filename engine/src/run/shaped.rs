@@ -8,12 +8,12 @@ use crate::distance::DistanceRule;
 use crate::error::{PackError, PlanError};
 use crate::gap::grain::ConvexShape;
 use crate::memory::{OutOfMemory, collected, reserved};
+use crate::methods::addition;
 use crate::methods::growth::{Interrupted, Outcome};
 use crate::methods::monte_carlo::{self, MonteCarlo};
-use crate::methods::rsa::End;
 use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
-use crate::packing::{Grains, RsaStatistics, Solids};
+use crate::packing::{Grains, Solids};
 use crate::request::{Distance, FieldError, GrowthBy, GrowthOptions, OnLimit, PackingRequest};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
@@ -42,7 +42,7 @@ pub(super) fn place(
     if !solids.kind().has_templates() {
         let mut shapes = reserved(solids.len())?;
         shapes.extend(solids.shapes.iter().filter_map(Solid::ellipsoid).copied());
-        // They are there once.
+        // The shapes are not stored twice.
         solids.shapes = Vec::new();
         let mut job = ShapeJob { run: *run, mix, shapes };
         let placed = place_shapes(&mut job, resume, control)?;
@@ -169,7 +169,7 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
         attempts_per_grain: Option<u64>,
         is_alone: bool,
         control: &StopToFinish<'_>,
-    ) -> Result<(Vec<Pose>, RsaStatistics, End), OutOfMemory> {
+    ) -> Result<addition::Outcome<Pose>, OutOfMemory> {
         let request = self.run.request;
         let orientation = request.mix.orientation;
         let rsa = ShapeRsa {
@@ -184,8 +184,7 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
         let preference = preference(request, &self.shapes)?;
         let most_draws = if is_alone { MOST_DRAWS } else { MOST_DRAWS_BEFORE_GROWTH };
         let mut rng = stream(request.seed, Stream::Rsa);
-        let outcome = rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, control);
-        Ok((outcome.poses, outcome.statistics, outcome.end))
+        Ok(rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, control))
     }
 
     fn grow(

@@ -8,11 +8,12 @@ use crate::control::{Control, StopToFinish};
 use crate::distance::DistanceRule;
 use crate::gap::spheres::Sphere;
 use crate::memory::{OutOfMemory, collected, copied};
+use crate::methods::addition;
 use crate::methods::edmd::Edmd;
 use crate::methods::growth::{Interrupted, Outcome};
-use crate::methods::rsa::{End, Rsa};
+use crate::methods::rsa::Rsa;
 use crate::mix::{GradedMix, sphere_volume};
-use crate::packing::{Grains, RsaStatistics, Spheres};
+use crate::packing::{Grains, Spheres};
 use crate::request::{GrowthBy, GrowthOptions};
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
@@ -54,7 +55,7 @@ impl<'a> Job<'a> for SphereJob<'a> {
         attempts_per_grain: Option<u64>,
         _: bool,
         control: &StopToFinish<'_>,
-    ) -> Result<(Vec<[f64; 3]>, RsaStatistics, End), OutOfMemory> {
+    ) -> Result<addition::Outcome<[f64; 3]>, OutOfMemory> {
         let request = self.run.request;
         let preference = Preference::new(request, self.diameters);
         let rsa = Rsa {
@@ -65,8 +66,7 @@ impl<'a> Job<'a> for SphereJob<'a> {
             preference: preference.as_ref(),
             threads: self.run.threads,
         };
-        let outcome = rsa.run(&mut stream(request.seed, Stream::Rsa), control);
-        Ok((outcome.centers_mm, outcome.statistics, outcome.end))
+        Ok(rsa.run(&mut stream(request.seed, Stream::Rsa), control))
     }
 
     fn grow(

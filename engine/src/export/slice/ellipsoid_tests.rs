@@ -46,8 +46,8 @@ fn packed(specimen: &Specimen) -> Solids {
         orientation: &uniform_orientation,
     };
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(3), &Unattended);
-    assert_eq!(outcome.poses.len(), shapes.len());
-    Solids::of_ellipsoids(shapes, outcome.poses)
+    assert_eq!(outcome.placed.len(), shapes.len());
+    Solids::of_ellipsoids(shapes, outcome.placed)
 }
 
 fn specimens() -> [Specimen; 3] {

@@ -19,7 +19,7 @@ use crate::methods::rsa::Rsa;
 use crate::request::{Boundary, Distance, Specimen};
 use crate::rng::{Stream, cycle_stream, stream};
 
-/// Volume fraction that random placing starts from, and the rate of growth to the one asked for.
+/// Volume fraction that random addition starts from, and the rate of growth to the one asked for.
 const START_FRACTION: f64 = 0.25;
 const PACE: f64 = 0.3;
 /// Collisions per grain between two cycles while nothing grows.
@@ -61,7 +61,7 @@ impl Fluid {
         let edge = cbrt(spheres as f64 * std::f64::consts::PI / 6.0 / volume_fraction);
         let specimen = Specimen::cuboid([edge; 3], Boundary::Periodic);
         let mut scale = cbrt(START_FRACTION / volume_fraction).min(1.0);
-        let placing = Rsa {
+        let addition = Rsa {
             diameters_mm: &vec![scale; spheres],
             domain: specimen.domain(),
             rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, &specimen),
@@ -69,8 +69,8 @@ impl Fluid {
             threads: NonZeroUsize::MIN,
             attempts_per_grain: None,
         };
-        let centers = placing.run(&mut stream(seed, Stream::Rsa), &Unattended).centers_mm;
-        assert_eq!(centers.len(), spheres, "random placing reaches the start");
+        let centers = addition.run(&mut stream(seed, Stream::Rsa), &Unattended).placed;
+        assert_eq!(centers.len(), spheres, "random addition reaches the start");
         let radii = vec![scale / 2.0; spheres];
         let system = System::new(Container::new(&specimen), &centers, &radii, &vec![1.0; spheres]);
         let mut system = granted(system);

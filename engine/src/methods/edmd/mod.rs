@@ -77,9 +77,9 @@ const BYTES_PER_GRAIN: usize = 300;
 /// What a run of growth is expected to take, from the model of `docs/estimates.md`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Expected {
-    /// Volume fraction, coating included, up to which random placing is cheaper than growth.
+    /// Volume fraction, coating included, up to which random addition is cheaper than growth.
     pub(crate) start_fraction: f64,
-    /// Work of the random placing, in events per grain.
+    /// Work of the random addition, in events per grain.
     pub(crate) start_work: f64,
     /// Events per grain that growth from there to the target takes.
     pub(crate) events_per_grain: f64,
@@ -211,7 +211,7 @@ impl Edmd<'_> {
         Ok(settled.is_some())
     }
 
-    /// Random placing to grow from.
+    /// Random addition to grow from.
     fn start(
         &self,
         frame: &Frame<'_>,
@@ -234,7 +234,7 @@ impl Edmd<'_> {
         let part = Part::new(frame.control, 0.0, share);
         let control = StopToFinish::new(&part);
         let started = start(scale, SMALLER_START, &control, |scale| {
-            let placing = Rsa {
+            let addition = Rsa {
                 diameters_mm: &collected(self.diameters_mm.iter().map(|d| scale * d))?,
                 domain: self.request.specimen.domain(),
                 rule: rule.scaled(scale),
@@ -242,8 +242,7 @@ impl Edmd<'_> {
                 preference: frame.preference.as_ref(),
                 threads: self.threads,
             };
-            let outcome = placing.run(&mut rng, &control);
-            Ok((outcome.centers_mm, outcome.statistics, outcome.end))
+            Ok(addition.run(&mut rng, &control))
         })?;
         let rsa_s = frame.started.elapsed().as_secs_f64();
         if !started.is_complete {

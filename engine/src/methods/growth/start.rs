@@ -3,7 +3,7 @@
 use super::Interrupted;
 use crate::control::StopToFinish;
 use crate::memory::OutOfMemory;
-use crate::methods::rsa::End;
+use crate::methods::addition::{self, End};
 use crate::packing::RsaStatistics;
 
 /// Attempts per grain: beyond them a smaller size is tried.
@@ -30,11 +30,11 @@ pub(crate) fn start<P>(
     mut scale: f64,
     smaller: f64,
     control: &StopToFinish<'_>,
-    mut insert: impl FnMut(f64) -> Result<(Vec<P>, RsaStatistics, End), OutOfMemory>,
+    mut insert: impl FnMut(f64) -> Result<addition::Outcome<P>, OutOfMemory>,
 ) -> Result<Started<P>, Interrupted> {
     let mut statistics = RsaStatistics::default();
     for _ in 0..STARTS {
-        let (placed, counted, end) = insert(scale)?;
+        let addition::Outcome { placed, statistics: counted, end } = insert(scale)?;
         statistics.attempts += counted.attempts;
         statistics.grains_by_subdivision += counted.grains_by_subdivision;
         statistics.voxels_tested += counted.voxels_tested;

@@ -1,7 +1,7 @@
 //! Hard-particle Monte Carlo of growing grains of any shape: shake, swap, grow, push.
 //!
-//! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size exchange their
-//! places where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
+//! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size swap
+//! positions where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
 //! shrinks (`scale`) onto the grains, which push each other out of the way (`push`). What the pushes leave is undone in
 //! part, so that every cycle ends with a valid packing at its scale.
 //!
@@ -104,7 +104,7 @@ pub struct MonteCarlo<'a, S> {
     pub to_jamming: Option<ToJamming>,
     /// Share of their size that grains start with; the method chooses if absent.
     pub initial_scale: Option<f64>,
-    /// Whether grains of similar size exchange their places.
+    /// Whether grains of similar size swap positions.
     pub swap: bool,
     /// When to give up.
     pub stop: GrowthStop,
@@ -214,8 +214,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
                 threads: self.threads,
                 orientation: self.orientation,
             };
-            let outcome = rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control);
-            Ok((outcome.poses, outcome.statistics, outcome.end))
+            Ok(rsa.run_with(Some(scale), self.preference, MOST_DRAWS, &mut rng, &control))
         })?;
         let rsa_s = started.elapsed().as_secs_f64();
         if !begun.is_complete {

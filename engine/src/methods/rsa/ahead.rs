@@ -142,7 +142,7 @@ impl Run<'_> {
             let Point { draw, verdict } = ahead.points[ahead.next];
             ahead.next += 1;
             if let Some(Point { draw, verdict: Verdict::Free }) = ahead.points.get(ahead.next + ASK_AHEAD) {
-                cells.ask_around(draw.cell());
+                cells.prefetch_around(draw.cell());
             }
             let inside = search.region.contains(draw.point);
             if search.count(inside, ahead.volume_cells, rng) {

@@ -301,7 +301,7 @@ impl Cells {
 
     /// Asks the memory for what entering a grain in a cell writes, its neighbours across rows and layers included.
     #[inline(always)]
-    pub(super) fn ask_around(&self, cell: usize) {
+    pub(super) fn prefetch_around(&self, cell: usize) {
         let (row, layer) = (self.counts[0], self.counts[0] * self.counts[1]);
         for of_layer in [cell.wrapping_sub(layer), cell, cell + layer] {
             for of_row in [of_layer.wrapping_sub(row), of_layer, of_layer.wrapping_add(row)] {

@@ -19,19 +19,19 @@ mod cells;
 mod free_space;
 mod voxels;
 
+use std::convert::Infallible;
 use std::num::NonZeroUsize;
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::control::{Control, Progress, Step};
+use crate::control::Control;
 use crate::cpu::Cpu;
 use crate::distance::DistanceRule;
 use crate::domain::{Domain, Region};
-use crate::elementary::{cbrt, ln_1p};
-use crate::memory::{OutOfMemory, collected, reserved};
-use crate::methods::choice::{Choice, MOST_DRAWS};
+use crate::elementary::cbrt;
+use crate::memory::{collected, reserved};
+use crate::methods::addition::{self, Attempts, End, Outcome};
 use crate::packing::RsaStatistics;
-use crate::rng::uniform;
 use crate::segregation::Preference;
 use ahead::Ahead;
 pub(crate) use cells::MAX_PLACED;
@@ -75,44 +75,6 @@ pub struct Rsa<'a> {
     pub threads: NonZeroUsize,
 }
 
-/// How a run ended.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
-    /// Centres in the order of the diameters, of those placed.
-    pub centers_mm: Vec<[f64; 3]>,
-    /// What was counted.
-    pub statistics: RsaStatistics,
-    /// Why it ended.
-    pub end: End,
-}
-
-/// Why a run ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// All grains are placed.
-    Complete,
-    /// The next grain found no place.
-    InsertionFailed {
-        /// Whether it is proven that there is none.
-        saturation_proven: bool,
-        /// Attempts spent on it, as [`Rsa::attempts_per_grain`] counts them; draws where they have no limit.
-        attempts: u64,
-    },
-    /// The control said so.
-    Stopped,
-    /// The system refused memory.
-    OutOfMemory {
-        /// Bytes of the allocation that was refused.
-        bytes: u64,
-    },
-}
-
-impl From<OutOfMemory> for End {
-    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
-        Self::OutOfMemory { bytes }
-    }
-}
-
 impl Rsa<'_> {
     /// Places the grains.
     ///
@@ -120,20 +82,22 @@ impl Rsa<'_> {
     /// where the sphere lies inside the specimen. Those that would fall where no place can be are
     /// not drawn but counted, by a geometric number with the same law, so that the outcome has the
     /// distribution of the textbook algorithm at a fraction of its time.
-    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome<[f64; 3]> {
         // A grain that prefers places looks at several of them.
         let draws_ahead = self.diameters_mm.len() >= LEAST_SHARED_GRAINS && self.preference.is_none();
         self.run_as(draws_ahead, rng, control)
     }
 
     /// [`Self::run`] with points drawn ahead, or one by one.
-    fn run_as(&self, draws_ahead: bool, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+    fn run_as(
+        &self,
+        draws_ahead: bool,
+        rng: &mut Xoshiro256PlusPlus,
+        control: &dyn Control,
+    ) -> Outcome<[f64; 3]> {
         let placed = match reserved(self.diameters_mm.len()) {
             Ok(placed) => placed,
-            Err(OutOfMemory { bytes }) => {
-                let statistics = RsaStatistics::default();
-                return Outcome { centers_mm: Vec::new(), statistics, end: End::OutOfMemory { bytes } };
-            }
+            Err(refused) => return Outcome::new(Err(refused), RsaStatistics::default(), End::Stopped),
         };
         let mut run = Run {
             rsa: self,
@@ -146,11 +110,8 @@ impl Rsa<'_> {
             control,
         };
         let end = run.place_all(rng);
-        let statistics = run.statistics;
-        match collected(run.placed.iter().map(|&[x, y, z, _]| [x, y, z])) {
-            Ok(centers_mm) => Outcome { centers_mm, statistics, end },
-            Err(error) => Outcome { centers_mm: Vec::new(), statistics, end: error.into() },
-        }
+        let centers_mm = collected(run.placed.iter().map(|&[x, y, z, _]| [x, y, z]));
+        Outcome::new(centers_mm, run.statistics, end)
     }
 
     /// The new grain's part of exclusion radii.
@@ -185,24 +146,13 @@ struct Search {
     region: Region,
     /// Failed draws so far.
     failed: u64,
-    /// Textbook attempts so far.
-    attempts: u64,
-    limit: Option<u64>,
+    attempts: Attempts,
+    /// Volume of the region in units of a cell.
     region_cells: f64,
-    /// The volume that draws were last counted for, in units of a cell, and the logarithm of the share of the region
-    /// that lies outside of it.
-    missed: (f64, f64),
 }
 
-enum Found {
-    Place(Draw),
-    /// No success yet.
-    NotYet,
-    Nothing {
-        saturation_proven: bool,
-    },
-    Stopped,
-}
+/// What one draw has found.
+type Found = addition::Found<Draw>;
 
 impl Run<'_> {
     fn place_all(&mut self, rng: &mut Xoshiro256PlusPlus) -> End {
@@ -279,10 +229,8 @@ impl Run<'_> {
                 part: rsa.part(grain),
                 region,
                 failed: 0,
-                attempts: 0,
-                limit: rsa.attempts_per_grain,
+                attempts: Attempts::new(rsa.attempts_per_grain, u64::MAX),
                 region_cells: region.volume_mm3() / cells.edge.iter().product::<f64>(),
-                missed: (f64::NAN, f64::NAN),
             };
             let cpu = self.cpu;
             let mut found = Found::NotYet;
@@ -309,7 +257,7 @@ impl Run<'_> {
             }
             exactly |= search.failed > EXACT_AFTER;
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
-            self.statistics.attempts += search.attempts;
+            self.statistics.attempts += search.attempts.number;
             match found {
                 Found::Place(draw) => {
                     let d = rsa.diameters_mm[grain];
@@ -323,7 +271,7 @@ impl Run<'_> {
                 }
                 Found::Stopped => return End::Stopped,
                 Found::Nothing { saturation_proven } => {
-                    return End::InsertionFailed { saturation_proven, attempts: search.attempts };
+                    return End::InsertionFailed { saturation_proven, attempts: search.attempts.number };
                 }
                 Found::NotYet => unreachable!("a search goes on until it is decided"),
             }
@@ -357,10 +305,7 @@ impl Run<'_> {
         }
     }
 
-    /// Looks for further places beside the first until one is taken for its weight, or chooses among those found.
-    ///
-    /// Places are uniform in the free space, so that the one taken has a density proportional to the weight there.
-    /// That the search ends early where places are rare does not depend on where they are.
+    /// Chooses among several places for a grain by their weights.
     fn choose(
         &mut self,
         first: Draw,
@@ -372,27 +317,13 @@ impl Run<'_> {
     ) -> Found {
         let (grain, region) = (self.placed.len(), search.region);
         let log_weight = |draw: &Draw| preference.log_weight(grain, &region, draw.point);
-        let mut choice = Choice::new();
         // Only what was needed for the first place says that places are rare.
         let failed = search.failed;
-        let mut found = Found::Place(first);
-        for _ in 0..MOST_DRAWS {
-            match found {
-                Found::Place(draw) => {
-                    choice.offer(draw, log_weight(&draw), rng);
-                    if choice.is_made() {
-                        break;
-                    }
-                }
-                Found::NotYet => {}
-                // A place is known: nothing is proven, and what is spent is spent.
-                Found::Nothing { .. } => break,
-                Found::Stopped => return Found::Stopped,
-            }
-            found = self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng);
-        }
+        let Ok(found) = addition::choose(first, log_weight, rng, |rng| {
+            Ok::<_, Infallible>(self.try_once(search, free, cells, search.failed >= SPLIT_AFTER, rng))
+        });
         search.failed = failed;
-        choice.chosen().map_or(Found::NotYet, Found::Place)
+        found
     }
 
     #[inline(always)]
@@ -440,48 +371,17 @@ impl Run<'_> {
     }
 
     fn report(&self) {
-        let (done, total) = (self.placed.len() as u64, self.rsa.diameters_mm.len() as u64);
-        self.control.report(&Progress {
-            step: Step::Rsa,
-            fraction: done as f64 / total as f64,
-            done,
-            total,
-            unit: "grains",
-            message: format!(
-                "placing grains of {:.3} mm",
-                self.rsa.diameters_mm[self.placed.len().min(self.rsa.diameters_mm.len() - 1)]
-            ),
-            growth: None,
+        addition::report(self.control, self.placed.len(), self.rsa.diameters_mm.len(), |rank| {
+            self.rsa.diameters_mm[rank]
         });
     }
 }
 
 impl Search {
     /// Counts the textbook attempts that one draw stands for; says whether the limit is passed.
-    ///
-    /// A textbook attempt falls into the voxels with probability `p`, their share of the region;
-    /// those before it that missed them have failed unseen.
     #[inline(always)]
     fn count(&mut self, inside: bool, drawn_from_cells: f64, rng: &mut Xoshiro256PlusPlus) -> bool {
-        let Some(limit) = self.limit else {
-            self.attempts += 1;
-            return false;
-        };
-        let p = drawn_from_cells / self.region_cells;
-        if p < 1.0 {
-            // Many draws are made from one volume.
-            if self.missed.0 != drawn_from_cells {
-                self.missed = (drawn_from_cells, ln_1p(-p));
-            }
-            let unseen = ln_1p(-uniform(rng)) / self.missed.1;
-            // Saturates where nearly nothing is left.
-            self.attempts = self.attempts.saturating_add(unseen as u64).min(limit);
-        } else if !inside {
-            return false;
-        }
-        let spent = self.attempts == limit;
-        self.attempts += u64::from(!spent);
-        spent
+        self.attempts.count(drawn_from_cells / self.region_cells, rng, |_| inside)
     }
 }
 

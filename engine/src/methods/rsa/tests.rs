@@ -6,10 +6,10 @@ use std::num::NonZeroUsize;
 use serde_json::json;
 
 use super::*;
-use crate::control::Unattended;
+use crate::control::{Progress, Unattended};
 use crate::request::Specimen;
 use crate::request::{Boundary, Distance, PackingRequest};
-use crate::rng::{Stream, stream};
+use crate::rng::{Stream, stream, uniform};
 
 fn cube(size: f64, boundary: Boundary) -> Specimen {
     Specimen::Box { size_mm: [size; 3], boundary }
@@ -19,7 +19,7 @@ fn rule(specimen: &Specimen) -> DistanceRule {
     DistanceRule::new(&Distance::None { wall_gap_mm: None }, specimen)
 }
 
-fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) -> Outcome {
+fn place(diameters: &[f64], specimen: &Specimen, limit: Option<u64>, seed: u64) -> Outcome<[f64; 3]> {
     let rsa = Rsa {
         diameters_mm: diameters,
         domain: specimen.domain(),
@@ -140,7 +140,7 @@ fn exhaustive_search_draws_from_the_distribution_of_the_textbook() {
             let outcome = place(&diameters, &specimen, None, seed);
             by_subdivision += outcome.statistics.grains_by_subdivision as usize;
             match outcome.end {
-                End::Complete => ours.push(outcome.centers_mm),
+                End::Complete => ours.push(outcome.placed),
                 end => {
                     assert!(matches!(end, End::InsertionFailed { saturation_proven: true, .. }), "{end:?}");
                 }
@@ -163,7 +163,7 @@ fn a_limit_of_attempts_has_the_law_of_the_textbook() {
             let ours: Vec<_> = seeds()
                 .map(|seed| place(&diameters, &specimen, Some(limit), seed))
                 .filter(|outcome| outcome.end == End::Complete)
-                .map(|outcome| outcome.centers_mm)
+                .map(|outcome| outcome.placed)
                 .collect();
             let theirs: Vec<_> =
                 seeds().filter_map(|seed| textbook(&diameters, &specimen, limit, seed)).collect();
@@ -194,7 +194,7 @@ fn a_run_that_spends_its_attempts_has_spent_exactly_those() {
 fn a_grain_that_fits_exactly_has_its_one_place() {
     let specimen = cube(10.0, Boundary::Walls);
     let outcome = place(&[10.0], &specimen, None, 1);
-    assert_eq!(outcome.centers_mm, [[5.0; 3]]);
+    assert_eq!(outcome.placed, [[5.0; 3]]);
     let second = place(&[10.0, 10.0], &specimen, None, 1);
     assert!(matches!(second.end, End::InsertionFailed { saturation_proven: true, .. }), "{:?}", second.end);
 }
@@ -205,7 +205,7 @@ fn a_slab_and_a_rod_as_thin_as_the_grain_are_filled() {
         let specimen = Specimen::Box { size_mm, boundary: Boundary::Walls };
         let outcome = place(&[2.0; 40], &specimen, None, 3);
         let End::InsertionFailed { saturation_proven, .. } = outcome.end else { panic!("{:?}", outcome.end) };
-        assert!(saturation_proven && outcome.centers_mm.len() > 5, "{} placed", outcome.centers_mm.len());
+        assert!(saturation_proven && outcome.placed.len() > 5, "{} placed", outcome.placed.len());
     }
 }
 
@@ -217,7 +217,7 @@ fn saturation_of_equal_spheres_is_the_known_one() {
     let specimen = cube(30.0, Boundary::Periodic);
     let outcome = place(&vec![d; 30_000], &specimen, None, 5);
     assert!(matches!(outcome.end, End::InsertionFailed { saturation_proven: true, .. }));
-    let phi = outcome.centers_mm.len() as f64 * crate::mix::sphere_volume(d) / specimen.volume_mm3();
+    let phi = outcome.placed.len() as f64 * crate::mix::sphere_volume(d) / specimen.volume_mm3();
     assert!((phi - 0.3841).abs() < 0.003, "{phi}");
 }
 
@@ -249,7 +249,7 @@ fn a_run_stops_when_told() {
     };
     let outcome = rsa.run(&mut stream(1, Stream::Rsa), &Stop);
     assert_eq!(outcome.end, End::Stopped);
-    assert!(outcome.centers_mm.len() < 5000);
+    assert!(outcome.placed.len() < 5000);
 }
 
 /// Radius of the largest sphere around `p` that touches nothing; the specimen is a box with walls.
@@ -277,8 +277,8 @@ fn where_it_is_proven_that_no_place_is_left_none_can_be_climbed_to() {
             "{:?}",
             outcome.end
         );
-        let missing = diameters[outcome.centers_mm.len()] / 2.0;
-        let of = |p| clearance(p, SIZE, &outcome.centers_mm, &diameters);
+        let missing = diameters[outcome.placed.len()] / 2.0;
+        let of = |p| clearance(p, SIZE, &outcome.placed, &diameters);
         let mut best = 0.0_f64;
         for _ in 0..2000 {
             // From a random point uphill in clearance, by random steps that get shorter.
@@ -335,7 +335,7 @@ fn a_choice_among_equal_places_draws_from_the_distribution_of_the_textbook() {
                 };
                 let outcome = rsa.run(&mut stream(seed, Stream::Rsa), &Unattended);
                 if outcome.end == End::Complete {
-                    ours.push(outcome.centers_mm);
+                    ours.push(outcome.placed);
                 }
                 theirs.extend(textbook(&diameters, &specimen, limit.unwrap_or(100_000), seed));
             }
@@ -375,7 +375,7 @@ fn equal_spheres(
     };
     let outcome = rsa.run_as(draws_ahead, &mut stream(seed, Stream::Rsa), &Unattended);
     assert_eq!(outcome.end, End::Complete);
-    outcome.centers_mm
+    outcome.placed
 }
 
 #[test]

@@ -45,15 +45,8 @@ fn saturation_is_not_proven_where_voxels_are_left_undecided() {
             cpu: Cpu::detect(),
             control: &Unattended,
         };
-        let mut search = Search {
-            part,
-            region,
-            failed: 0,
-            attempts: 0,
-            limit: None,
-            region_cells: 0.0,
-            missed: (f64::NAN, f64::NAN),
-        };
+        let mut search =
+            Search { part, region, failed: 0, attempts: Attempts::new(None, u64::MAX), region_cells: 0.0 };
         match run.search(&mut search, &mut free, &cells, &mut stream(1, Stream::Rsa)) {
             Found::Nothing { saturation_proven } => saturation_proven,
             _ => panic!("a point of a covered line is a place"),

@@ -300,12 +300,12 @@ impl Waiting {
 /// Makes room for so many more elements of a heap; says whether there is, or else notes the refusal.
 #[inline]
 fn make_room_in<T: Ord>(heap: &mut BinaryHeap<T>, more: usize, refused: &mut Option<OutOfMemory>) -> bool {
-    let granted = heap.try_reserve(more).is_ok();
-    if !granted {
+    let reserved_ok = heap.try_reserve(more).is_ok();
+    if !reserved_ok {
         let bytes = (heap.len() + more) * size_of::<T>();
         *refused = Some(OutOfMemory { bytes: bytes as u64 });
     }
-    granted
+    reserved_ok
 }
 
 #[cfg(test)]

@@ -31,15 +31,14 @@ use nalgebra::UnitQuaternion;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::arrays;
-use crate::control::{Control, Progress, Step};
+use crate::control::Control;
 use crate::distance::DistanceRule;
 use crate::domain::Domain;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{dot, minus};
 use crate::gap::walls::wall_gap_mm;
 use crate::memory::{OutOfMemory, collected, reserved};
-use crate::methods::choice::{self, Choice};
-use crate::methods::rsa::End;
+use crate::methods::addition::{self, Attempts, End, Outcome};
 use crate::packing::RsaStatistics;
 use crate::segregation::Preference;
 use crate::shape::Pose;
@@ -98,23 +97,8 @@ pub struct ShapeRsa<'a, S> {
     pub threads: NonZeroUsize,
 }
 
-/// How it ended.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
-    /// Poses in the order of the shapes, of those inserted.
-    pub poses: Vec<Pose>,
-    /// What was counted.
-    pub statistics: RsaStatistics,
-    /// Why it ended.
-    pub end: End,
-}
-
-enum Found<T> {
-    Pose(Pose, Placed<T>),
-    NotYet,
-    Nothing { saturation_proven: bool },
-    Stopped,
-}
+/// What one draw has found.
+type Found<T> = addition::Found<(Pose, Placed<T>)>;
 
 struct Run<'a, S: ConvexShape> {
     rsa: &'a ShapeRsa<'a, S>,
@@ -145,7 +129,7 @@ pub(crate) struct Stage {
 
 impl<S: ConvexShape> ShapeRsa<'_, S> {
     /// Inserts the grains.
-    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome {
+    pub fn run(&self, rng: &mut Xoshiro256PlusPlus, control: &dyn Control) -> Outcome<Pose> {
         self.run_with(None, None, MOST_DRAWS, rng, control)
     }
 
@@ -158,17 +142,12 @@ impl<S: ConvexShape> ShapeRsa<'_, S> {
         most_draws: u64,
         rng: &mut Xoshiro256PlusPlus,
         control: &dyn Control,
-    ) -> Outcome {
+    ) -> Outcome<Pose> {
         let count = self.shapes.len();
-        let refused = |OutOfMemory { bytes }, statistics| Outcome {
-            poses: Vec::new(),
-            statistics,
-            end: End::OutOfMemory { bytes },
-        };
         let room = reserved(count).and_then(|inserted| Ok((inserted, reserved(count)?)));
         let (inserted, orientations) = match room {
             Ok(both) => both,
-            Err(error) => return refused(error, RsaStatistics::default()),
+            Err(refused) => return Outcome::new(Err(refused), RsaStatistics::default(), End::Stopped),
         };
         let mut run = Run {
             rsa: self,
@@ -185,10 +164,7 @@ impl<S: ConvexShape> ShapeRsa<'_, S> {
         };
         let end = run.insert_all(rng);
         run.report();
-        match run.poses() {
-            Ok(poses) => Outcome { poses, statistics: run.statistics, end },
-            Err(error) => refused(error, run.statistics),
-        }
+        Outcome::new(run.poses(), run.statistics, end)
     }
 }
 
@@ -290,25 +266,22 @@ impl<S: ConvexShape> Run<'_, S> {
                     AttemptsIn::Specimen => domain.volume_mm3,
                     AttemptsIn::Reach => own.volume_mm3(),
                 },
-                attempts: 0,
+                attempts: Attempts::new(rsa.attempts_per_grain, self.most_draws),
                 failed: 0,
-                limit: rsa.attempts_per_grain,
-                most_draws: self.most_draws,
             };
             let found = loop {
                 match (self.try_once(&mut search, &mut voxels, &grid, rng)?, self.preference) {
                     (Found::NotYet, _) => {}
-                    (Found::Pose(pose, body), Some(preference)) => {
-                        let first = (pose, body);
+                    (Found::Place(first), Some(preference)) => {
                         break self.choose(first, preference, &mut search, &mut voxels, &grid, rng)?;
                     }
                     (found, _) => break found,
                 }
             };
             self.statistics.grains_by_subdivision += u64::from(search.failed > SPLIT_AFTER);
-            self.statistics.attempts += search.attempts;
+            self.statistics.attempts += search.attempts.number;
             match found {
-                Found::Pose(pose, body) => {
+                Found::Place((pose, body)) => {
                     let mut inserted = Inserted::new(body, d_mm);
                     inserted.cover(stage, &rsa.rule, &shape, pose.orientation);
                     grid.insert(self.inserted.len(), &inserted, stage, &rsa.rule)?;
@@ -316,7 +289,7 @@ impl<S: ConvexShape> Run<'_, S> {
                     self.orientations.push(pose.orientation);
                 }
                 Found::Nothing { saturation_proven } => {
-                    return Err(End::InsertionFailed { saturation_proven, attempts: search.attempts });
+                    return Err(End::InsertionFailed { saturation_proven, attempts: search.attempts.number });
                 }
                 Found::Stopped | Found::NotYet => return Err(End::Stopped),
             }
@@ -325,8 +298,7 @@ impl<S: ConvexShape> Run<'_, S> {
         Ok(())
     }
 
-    /// Looks for further poses beside the first until one is taken for the weight of its centre, or chooses among those
-    /// found, as random sequential addition of spheres does.
+    /// Chooses among several poses for a grain by the weights of their centres.
     fn choose(
         &mut self,
         first: (Pose, Placed<S::Turned>),
@@ -336,29 +308,13 @@ impl<S: ConvexShape> Run<'_, S> {
         grid: &Grid,
         rng: &mut Xoshiro256PlusPlus,
     ) -> Result<Found<S::Turned>, OutOfMemory> {
-        let mut choice = Choice::new();
         // Only what was needed for the first pose says that poses are rare.
-        let (failed, draws_before) = (search.failed, self.draws);
-        let mut found = Found::Pose(first.0, first.1);
-        for _ in 0..choice::MOST_DRAWS {
-            match found {
-                Found::Pose(pose, body) => {
-                    let log_weight = preference.log_weight_at(search.grain, pose.center_mm.into());
-                    choice.offer((pose, body), log_weight, rng);
-                    if choice.is_made() {
-                        break;
-                    }
-                }
-                Found::NotYet => {}
-                // A pose is known: nothing is proven, and what is spent is spent.
-                Found::Nothing { .. } => break,
-                Found::Stopped => return Ok(Found::Stopped),
-            }
-            found = self.try_once(search, voxels, grid, rng)?;
-        }
+        let (grain, failed, draws_before) = (search.grain, search.failed, self.draws);
+        let log_weight = |(pose, _): &(Pose, _)| preference.log_weight_at(grain, pose.center_mm.into());
+        let found = addition::choose(first, log_weight, rng, |rng| self.try_once(search, voxels, grid, rng))?;
         search.failed = failed;
         self.further_draws += self.draws - draws_before;
-        Ok(choice.chosen().map_or(Found::NotYet, |(pose, body)| Found::Pose(pose, body)))
+        Ok(found)
     }
 
     #[inline(always)]
@@ -386,7 +342,7 @@ impl<S: ConvexShape> Run<'_, S> {
         }
         let blocked_by = if inside {
             match self.pose(search, point, draw.cell, grid, rng) {
-                Ok((pose, body)) => return Ok(Found::Pose(pose, body)),
+                Ok(place) => return Ok(Found::Place(place)),
                 Err(blocked_by) => blocked_by,
             }
         } else {
@@ -442,17 +398,8 @@ impl<S: ConvexShape> Run<'_, S> {
     }
 
     fn report(&self) {
-        let (done, total) = (self.inserted.len() as u64, self.rsa.shapes.len() as u64);
-        let present = self.inserted.len().min(self.rsa.shapes.len().saturating_sub(1));
-        let present_mm = if total == 0 { 0.0 } else { self.shape(present).equivalent_diameter_mm() };
-        self.control.report(&Progress {
-            step: Step::Rsa,
-            fraction: done as f64 / total.max(1) as f64,
-            done,
-            total,
-            unit: "grains",
-            message: format!("placing grains of {present_mm:.3} mm"),
-            growth: None,
+        addition::report(self.control, self.inserted.len(), self.rsa.shapes.len(), |rank| {
+            self.shape(rank).equivalent_diameter_mm()
         });
     }
 }

@@ -10,10 +10,10 @@ use serde_json::json;
 
 use super::*;
 use crate::PackingRequest;
-use crate::control::Unattended;
+use crate::control::{Progress, Step, Unattended};
 use crate::gap::ellipsoids::Body;
 use crate::methods::brute_force_tests::assert_valid;
-use crate::methods::rsa::{Outcome as SphereOutcome, Rsa};
+use crate::methods::rsa::Rsa;
 use crate::mix::uniform_orientation;
 use crate::request::Specimen;
 use crate::request::{Boundary, Distance};
@@ -61,7 +61,7 @@ fn packings_keep_all_gaps_in_all_specimens() {
                 let run = || rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(7), &Unattended);
                 let outcome = run();
                 assert_eq!(outcome.end, End::Complete, "{specimen:?} {distance:?}");
-                assert_valid(specimen, &rsa.rule, rsa.shapes, &outcome.poses);
+                assert_valid(specimen, &rsa.rule, rsa.shapes, &outcome.placed);
                 assert_eq!(outcome, run());
             }
         }
@@ -86,7 +86,7 @@ fn a_box_that_is_hardly_longer_than_a_grain_repeats_without_overlap() {
     for seed in 0..20 {
         let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed), &Unattended);
         assert_eq!(outcome.end, End::Complete);
-        assert_valid(&specimen, &rsa.rule, rsa.shapes, &outcome.poses);
+        assert_valid(&specimen, &rsa.rule, rsa.shapes, &outcome.placed);
     }
     let along_an_edge = |_: &mut Xoshiro256PlusPlus| UnitQuaternion::identity();
     let outcome = ShapeRsa { orientation: &along_an_edge, ..rsa }
@@ -114,7 +114,7 @@ fn saturation_is_proven_where_a_grain_leaves_no_place_and_only_there() {
     // Spheres of 9 mm and 8 mm in a box of 10 mm.
     let outcome = run([[4.5; 3], [4.0; 3]]);
     assert!(matches!(outcome.end, End::InsertionFailed { saturation_proven: true, .. }), "{:?}", outcome.end);
-    assert_eq!(outcome.poses.len(), 1);
+    assert_eq!(outcome.placed.len(), 1);
     // A grain that is wider than the specimen.
     let outcome = run([[6.0; 3], [4.0; 3]]);
     assert!(matches!(outcome.end, End::InsertionFailed { saturation_proven: true, .. }));
@@ -168,7 +168,7 @@ fn the_law_and_the_attempts_are_those_of_the_textbook_algorithm() {
         let outcome = rsa.run(&mut rng, &Unattended);
         assert_eq!(outcome.end, End::Complete);
         let (poses, attempts) = textbook(&mut rng);
-        let both = [measure(&outcome.poses, outcome.statistics.attempts), measure(&poses, attempts)];
+        let both = [measure(&outcome.placed, outcome.statistics.attempts), measure(&poses, attempts)];
         for (sum, of) in sums.iter_mut().zip(both) {
             for (sum, x) in sum.iter_mut().zip(of) {
                 *sum = [sum[0] + x, sum[1] + x * x];
@@ -213,8 +213,8 @@ fn spheres_are_placed_as_spheres() {
             preference: None,
             threads: std::num::NonZeroUsize::MIN,
         };
-        let SphereOutcome { statistics, .. } =
-            spheres.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed + 1000), &Unattended);
+        let statistics =
+            spheres.run(&mut Xoshiro256PlusPlus::seed_from_u64(seed + 1000), &Unattended).statistics;
         theirs.push((statistics.attempts as f64).ln());
     }
     let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
@@ -334,5 +334,5 @@ fn a_stop_is_obeyed_and_progress_reported() {
     let control = Stops(AtomicU64::new(0));
     let outcome = rsa.run(&mut Xoshiro256PlusPlus::seed_from_u64(1), &control);
     assert_eq!(outcome.end, End::Stopped);
-    assert!(outcome.poses.len() < shapes.len());
+    assert!(outcome.placed.len() < shapes.len());
 }

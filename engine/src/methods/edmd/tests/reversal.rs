@@ -18,7 +18,7 @@ const FRACTION: f64 = 0.25;
 /// Grains of diameters 1 to 2 mm and of masses to match, in random places and in motion.
 fn in_motion(specimen: &Specimen) -> System {
     let diameters: Vec<f64> = (0..GRAINS).map(|i| 2.0 - i as f64 / GRAINS as f64).collect();
-    let placing = Rsa {
+    let addition = Rsa {
         diameters_mm: &diameters,
         domain: specimen.domain(),
         rule: DistanceRule::new(&Distance::None { wall_gap_mm: None }, specimen),
@@ -26,7 +26,7 @@ fn in_motion(specimen: &Specimen) -> System {
         threads: std::num::NonZeroUsize::MIN,
         attempts_per_grain: None,
     };
-    let centers = placing.run(&mut stream(2, Stream::Rsa), &Unattended).centers_mm;
+    let centers = addition.run(&mut stream(2, Stream::Rsa), &Unattended).placed;
     assert_eq!(centers.len(), GRAINS);
     let radii: Vec<f64> = diameters.iter().map(|d| d / 2.0).collect();
     let masses: Vec<f64> = diameters.iter().map(|d| d.powi(3)).collect();
