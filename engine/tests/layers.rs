@@ -296,10 +296,9 @@ fn modules_of_a_folder_form_no_circle() {
 }
 
 /// Files that match the kind of a grain outside of the folders that define and check kinds: the gaps of pairs of
-/// kinds, the mix, which draws shapes, and the measured constants of plans. All others ask grains what they have:
-/// templates, semi-axes, figures, sections. The list only becomes shorter.
-const MATCHING_KINDS: [&str; 6] =
-    ["gap/solids.rs", "mix/mod.rs", "mix/sampling.rs", "mix/shapes.rs", "plan/mod.rs", "plan/shapes.rs"];
+/// kinds, and the measured constants of plans. All others ask grains what they have: templates, semi-axes, figures,
+/// sections. The list only becomes shorter.
+const MATCHING_KINDS: [&str; 3] = ["gap/solids.rs", "plan/mod.rs", "plan/shapes.rs"];
 
 #[test]
 fn kinds_of_grains_are_matched_in_no_further_file() {

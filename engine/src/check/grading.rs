@@ -32,43 +32,24 @@ use crate::sorting;
 const ROUNDING: f64 = 1.0e-9;
 /// Largest relative error of a size that was computed from the dimensions of a body in closed form.
 pub(super) const SIZE_ERROR: f64 = 1.0e-12;
+
 /// Sizes and volumes of the grains of a packing.
 #[derive(Clone, Copy)]
-pub(super) enum Grains<'a> {
-    /// Spheres by their diameters.
-    Spheres(&'a [f64]),
-    /// Other bodies. Their sizes were computed from their dimensions, which were computed from the sizes that were
-    /// sampled.
-    Bodies {
-        /// Size and volume of each.
-        sizes: &'a [(f64, f64)],
-        /// Largest relative error of the size of each.
-        error: &'a dyn Fn(usize) -> f64,
-    },
+pub(super) struct Sizes<'a> {
+    /// Number of the grains.
+    pub(super) grains: usize,
+    /// Size in mm and volume in mm³ of each.
+    pub(super) of: &'a dyn Fn(usize) -> (f64, f64),
+    /// Largest relative error of the size of each; 0 of a size that was drawn. Others are computed from the dimensions
+    /// of a body, which were computed from the size that was drawn.
+    pub(super) error: &'a dyn Fn(usize) -> f64,
+    /// Whether the volume follows from the size, as that of spheres does.
+    pub(super) give_volumes: bool,
 }
 
-impl Grains<'_> {
-    fn len(&self) -> usize {
-        match self {
-            Self::Spheres(d) => d.len(),
-            Self::Bodies { sizes, .. } => sizes.len(),
-        }
-    }
-
-    /// Size in mm and volume in mm³.
-    fn get(&self, row: usize) -> (f64, f64) {
-        match self {
-            Self::Spheres(d) => (d[row], volume_mm3(d[row])),
-            Self::Bodies { sizes, .. } => sizes[row],
-        }
-    }
-
-    /// Largest relative error of the size.
-    fn size_error(&self, row: usize) -> f64 {
-        match self {
-            Self::Spheres(_) => 0.0,
-            Self::Bodies { error, .. } => error(row),
-        }
+impl Sizes<'_> {
+    fn rows(&self) -> Vec<(f64, f64)> {
+        (0..self.grains).map(self.of).collect()
     }
 }
 
@@ -85,38 +66,38 @@ pub(super) struct Graded {
 
 /// Judges the grains of a packing; `part` is the aggregate of each, empty where the mix names none.
 pub(super) fn check(
-    grains: Grains<'_>,
+    sizes: Sizes<'_>,
     part: &[u16],
     request: &PackingRequest,
     extent: Extent,
 ) -> Result<Graded, String> {
     if extent.size_scale == 1.0 {
-        return check_drawn(grains, part, request, extent.has_all_grains);
+        return check_drawn(sizes, part, request, extent.has_all_grains);
     }
     // As they were drawn; a factor on a size and back leaves an error of rounding.
     let (scale, cube) = (extent.size_scale, extent.size_scale.powi(3));
-    let drawn: Vec<(f64, f64)> = (0..grains.len())
-        .map(|row| grains.get(row))
-        .map(|(size_mm, volume_mm3)| (size_mm / scale, volume_mm3 / cube))
-        .collect();
-    let error = |row: usize| grains.size_error(row).max(SIZE_ERROR);
-    let drawn = Grains::Bodies { sizes: &drawn, error: &error };
-    let judged = check_drawn(drawn, part, request, extent.has_all_grains)?;
-    Ok(as_they_are(judged, grains, part))
+    let of = |row: usize| {
+        let (size_mm, volume_mm3) = (sizes.of)(row);
+        (size_mm / scale, volume_mm3 / cube)
+    };
+    let error = |row: usize| (sizes.error)(row).max(SIZE_ERROR);
+    let drawn = Sizes { of: &of, error: &error, give_volumes: false, ..sizes };
+    let checked = check_drawn(drawn, part, request, extent.has_all_grains)?;
+    Ok(as_they_are(checked, sizes, part))
 }
 
 /// The classes and aggregates with the grains at the sizes that they have. Grains that are finer than all classes now
 /// count in the finest.
-fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
+fn as_they_are(mut graded: Graded, sizes: Sizes<'_>, part: &[u16]) -> Graded {
     let mut all = vec![&mut graded.classes];
     let by_aggregate = !graded.aggregates.is_empty();
     all.extend(graded.aggregates.iter_mut().map(|aggregate| &mut aggregate.classes));
     for class in all.iter_mut().flat_map(|classes| classes.iter_mut()) {
         (class.grains, class.volume_mm3) = (0, 0.0);
     }
-    for row in 0..grains.len() {
-        let (d, volume_mm3) = grains.get(row);
-        let d = d * (1.0 - grains.size_error(row));
+    for row in 0..sizes.grains {
+        let (d, volume_mm3) = (sizes.of)(row);
+        let d = d * (1.0 - (sizes.error)(row));
         let of_aggregate = part.get(row).filter(|_| by_aggregate).map(|&number| 1 + usize::from(number));
         for number in std::iter::once(0).chain(of_aggregate) {
             if let Some(index) = class_of(all[number], d) {
@@ -145,7 +126,7 @@ fn as_they_are(mut graded: Graded, grains: Grains<'_>, part: &[u16]) -> Graded {
 
 /// Judges grains at the sizes that were drawn.
 fn check_drawn(
-    grains: Grains<'_>,
+    sizes: Sizes<'_>,
     part: &[u16],
     request: &PackingRequest,
     has_all: bool,
@@ -155,10 +136,7 @@ fn check_drawn(
     let specimen_mm3 = SpecimenRegion::new(&request.specimen).volume_mm3;
     let fraction = match mix.count {
         None => mix.requested_fraction().unwrap_or(0.0),
-        Some(count) => {
-            let rows: Vec<(f64, f64)> = (0..grains.len()).map(|row| grains.get(row)).collect();
-            counted::all_mm3(&rows, mix, count, has_all)? / specimen_mm3
-        }
+        Some(count) => counted::all_mm3(&sizes.rows(), mix, count, has_all)? / specimen_mm3,
     };
     let asked = |part: &MixPart<'_>| asked(mix, part, fraction, specimen_mm3);
     if mix.aggregates.is_empty() {
@@ -166,17 +144,17 @@ fn check_drawn(
             return Err("the grains belong to aggregates, and the mix names none".into());
         }
         let whole = parts.first().ok_or("the mix has no grading")?;
-        let rows: Vec<usize> = (0..grains.len()).collect();
-        let judged = judge(grains, &rows, asked(whole), mix.count.is_some(), has_all)?;
+        let rows: Vec<usize> = (0..sizes.grains).collect();
+        let checked = check_part(sizes, &rows, asked(whole), mix.count.is_some(), has_all)?;
         return Ok(Graded {
-            max_class_mass_error: share_of(judged.worst_miss_mm3, judged.placed_mm3()),
-            classes: judged.classes,
+            max_class_mass_error: share_of(checked.worst_miss_mm3, checked.placed_mm3()),
+            classes: checked.classes,
             aggregates: Vec::new(),
         });
     }
     let mut rows: Vec<Vec<usize>> = vec![Vec::new(); parts.len()];
-    if part.len() != grains.len() {
-        return Err(format!("{} of {} grains belong to an aggregate", part.len(), grains.len()));
+    if part.len() != sizes.grains {
+        return Err(format!("{} of {} grains belong to an aggregate", part.len(), sizes.grains));
     }
     for (row, &number) in part.iter().enumerate() {
         let Some(rows) = rows.get_mut(usize::from(number)) else {
@@ -187,7 +165,7 @@ fn check_drawn(
     let mut aggregates = Vec::with_capacity(parts.len());
     let (mut worst_mm3, mut all_mm3) = (0.0_f64, 0.0);
     for (number, (part, aggregate)) in parts.iter().zip(&mix.aggregates).enumerate() {
-        let found = judge(grains, &rows[number], asked(part), mix.count.is_some(), has_all)
+        let found = check_part(sizes, &rows[number], asked(part), mix.count.is_some(), has_all)
             .map_err(|fault| format!("aggregate {number}: {fault}"))?;
         worst_mm3 = worst_mm3.max(found.worst_miss_mm3);
         all_mm3 += found.placed_mm3();
@@ -203,7 +181,7 @@ fn check_drawn(
         });
     }
     Ok(Graded {
-        classes: divided(grains, mix, &asked),
+        classes: divided(sizes, mix, &asked),
         max_class_mass_error: share_of(worst_mm3, all_mm3),
         aggregates,
     })
@@ -214,13 +192,13 @@ fn share_of(part: f64, all: f64) -> f64 {
 }
 
 /// The classes of a part of a mix with its grains.
-struct Judged {
+struct CheckedPart {
     classes: Vec<ClassReport>,
     /// The largest miss of a class.
     worst_miss_mm3: f64,
 }
 
-impl Judged {
+impl CheckedPart {
     /// Volume of the grains.
     fn placed_mm3(&self) -> f64 {
         self.classes.iter().map(|class| class.volume_mm3).fold(0.0, |sum, volume| sum + volume)
@@ -228,23 +206,21 @@ impl Judged {
 }
 
 /// Judges the grains of one part of a mix, by the classes that it asks for and the diameters that it lists.
-fn judge(
-    grains: Grains<'_>,
+fn check_part(
+    sizes: Sizes<'_>,
     rows: &[usize],
     (mut classes, list): Asked,
     is_counted: bool,
     has_all: bool,
-) -> Result<Judged, String> {
+) -> Result<CheckedPart, String> {
     let (d_min, d_max) = bounds_mm(&classes);
     // Largest grain that a class may hold: the overshoot of the last one.
-    let mut largest: Vec<f64> = match grains {
-        Grains::Spheres(_) => classes.iter().map(|class| volume_mm3(class.d_max_mm)).collect(),
-        Grains::Bodies { .. } => vec![0.0; classes.len()],
-    };
+    let most_mm3 = |class: &ClassReport| if sizes.give_volumes { volume_mm3(class.d_max_mm) } else { 0.0 };
+    let mut largest: Vec<f64> = classes.iter().map(most_mm3).collect();
     // Volume of the grains of finer classes that may belong to this one or to a coarser one.
     let mut doubtful_mm3 = vec![0.0; classes.len()];
     for &row in rows {
-        let ((d, volume_mm3), error) = (grains.get(row), grains.size_error(row));
+        let ((d, volume_mm3), error) = ((sizes.of)(row), (sizes.error)(row));
         if d < d_min * (1.0 - error) || d > d_max * (1.0 + error) {
             return Err(format!("grain {row} of {d} mm lies outside {d_min}..{d_max} mm"));
         }
@@ -263,29 +239,28 @@ fn judge(
     }
     let all: f64 = classes.iter().map(|c| c.volume_mm3).sum();
     if let Some(list) = &list {
-        check_list(grains, list, has_all)?;
-        if let Grains::Bodies { .. } = grains {
+        check_list(sizes, list, has_all)?;
+        if !sizes.give_volumes {
             // A list names sizes; their volumes are those of the bodies.
             for class in &mut classes {
                 class.target_volume_mm3 = class.volume_mm3;
             }
         }
     } else if is_counted {
-        let are_bodies = matches!(grains, Grains::Bodies { .. });
-        let rows = rows.iter().map(|&row| grains.get(row)).collect();
-        counted::check(rows, are_bodies, &classes, &largest, has_all)?;
+        let rows = rows.iter().map(|&row| (sizes.of)(row)).collect();
+        counted::check(rows, !sizes.give_volumes, &classes, &largest, has_all)?;
     } else {
         let rounding = ROUNDING * all.max(1.0);
         check_cumulative(&classes, &largest, &doubtful_mm3, rounding, has_all)?;
     }
     let miss = |c: &ClassReport| (c.volume_mm3 - c.target_volume_mm3).abs();
     let worst_miss_mm3 = classes.iter().map(miss).fold(0.0, f64::max);
-    Ok(Judged { classes, worst_miss_mm3 })
+    Ok(CheckedPart { classes, worst_miss_mm3 })
 }
 
 /// Classes between the sieves of all aggregates, with what all of them ask for and all grains. A grain within the error
 /// of its size of a sieve counts below it.
-fn divided(grains: Grains<'_>, mix: &Mix, asked: &dyn Fn(&MixPart<'_>) -> Asked) -> Vec<ClassReport> {
+fn divided(sizes: Sizes<'_>, mix: &Mix, asked: &dyn Fn(&MixPart<'_>) -> Asked) -> Vec<ClassReport> {
     let parts = mix.parts();
     let of_parts: Vec<Vec<ClassReport>> = parts.iter().map(|part| asked(part).0).collect();
     let mut edges: Vec<f64> = of_parts.iter().flatten().flat_map(|c| [c.d_min_mm, c.d_max_mm]).collect();
@@ -312,9 +287,9 @@ fn divided(grains: Grains<'_>, mix: &Mix, asked: &dyn Fn(&MixPart<'_>) -> Asked)
     };
     let pairs = edges.windows(2).map(|pair| class((pair[0], pair[1]), target_mm3(pair[0], pair[1])));
     let mut classes: Vec<ClassReport> = pairs.filter(|class| class.target_volume_mm3 > 0.0).collect();
-    for row in 0..grains.len() {
-        let (d, volume_mm3) = grains.get(row);
-        if let Some(index) = class_of(&classes, d * (1.0 - grains.size_error(row))) {
+    for row in 0..sizes.grains {
+        let (d, volume_mm3) = (sizes.of)(row);
+        if let Some(index) = class_of(&classes, d * (1.0 - (sizes.error)(row))) {
             classes[index].grains += 1;
             classes[index].volume_mm3 += volume_mm3;
         }
@@ -327,9 +302,9 @@ fn bounds_mm(classes: &[ClassReport]) -> (f64, f64) {
     (classes.first().map_or(0.0, |c| c.d_min_mm), classes.last().map_or(0.0, |c| c.d_max_mm))
 }
 
-fn check_list(grains: Grains<'_>, list: &[f64], has_all: bool) -> Result<(), String> {
+fn check_list(sizes: Sizes<'_>, list: &[f64], has_all: bool) -> Result<(), String> {
     let mut found: Vec<(f64, f64)> =
-        (0..grains.len()).map(|row| (grains.get(row).0, grains.size_error(row))).collect();
+        (0..sizes.grains).map(|row| ((sizes.of)(row).0, (sizes.error)(row))).collect();
     sorting::by_number(&mut found, |(size, _)| -size);
     if found.len() != list.len() && (has_all || found.len() > list.len()) {
         return Err(format!("{} grains instead of {}", found.len(), list.len()));
@@ -394,6 +369,16 @@ mod tests {
     use crate::mix::sampling::{sample, sample_shaped};
     use crate::rng::{Stream, stream};
 
+    /// Checks sizes and volumes of bodies, with the error of each size.
+    fn check_bodies(
+        rows: &[(f64, f64)],
+        error: &dyn Fn(usize) -> f64,
+        request: &PackingRequest,
+    ) -> Result<Graded, String> {
+        let sizes = Sizes { grains: rows.len(), of: &|row| rows[row], error, give_volumes: false };
+        check(sizes, &[], request, Extent::WHOLE)
+    }
+
     fn request(edge_mm: f64, mix: &Value) -> PackingRequest {
         let value = json!({"specimen": {"type": "box", "size_mm": [edge_mm, edge_mm, edge_mm]}, "mix": mix});
         PackingRequest::from_json(&value, 1).unwrap()
@@ -404,9 +389,7 @@ mod tests {
         // 200 mm³ on each side of 8 mm.
         let sieves = json!({"type": "sieves", "points": [[4.0, 0.0], [8.0, 0.5], [16.0, 1.0]]});
         let request = request(10.0, &json!({"grading": sieves, "volume_fraction": 0.4}));
-        let accepted = |sizes: &[(f64, f64)], error: f64| {
-            check(Grains::Bodies { sizes, error: &|_| error }, &[], &request, Extent::WHOLE).is_ok()
-        };
+        let accepted = |sizes: &[(f64, f64)], error: f64| check_bodies(sizes, &|_| error, &request).is_ok();
         for (size, exactly, roughly) in
             [(8.000_04, true, true), (7.999_96, false, true), (7.999, false, false), (8.001, true, true)]
         {
@@ -428,7 +411,11 @@ mod tests {
         let request = request(100.0, &json!({"grading": sieves, "count": 2000}));
         let mix = GradedMix::new(&request.mix, request.specimen.volume_mm3());
         let drawn = sample(&mix, &mut stream(5, Stream::Sampling), &|| false).unwrap().d_mm;
-        let judged = |sizes: &[f64], extent: Extent| check(Grains::Spheres(sizes), &[], &request, extent);
+        let judged = |d_mm: &[f64], extent: Extent| {
+            let of = |row: usize| (d_mm[row], volume_mm3(d_mm[row]));
+            let sizes = Sizes { grains: d_mm.len(), of: &of, error: &|_| 0.0, give_volumes: true };
+            check(sizes, &[], &request, extent)
+        };
         let classes = judged(&drawn, Extent::WHOLE).unwrap().classes;
         assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), 2000);
         for fewer in [&drawn[1..], &drawn[..1999]] {
@@ -461,9 +448,7 @@ mod tests {
                 .map(|shape| (shape.d_mm(), shape.template().unwrap()))
                 .map(|(d, template)| (sieves[template as usize] * d, volume_mm3(d)))
                 .collect();
-            let judge = |sizes: &[(f64, f64)]| {
-                check(Grains::Bodies { sizes, error: &|_| SIEVE_ERROR }, &[], &request, Extent::WHOLE)
-            };
+            let judge = |sizes: &[(f64, f64)]| check_bodies(sizes, &|_| SIEVE_ERROR, &request);
             let classes = judge(&found).unwrap().classes;
             assert_eq!(classes.iter().map(|class| class.grains).sum::<u64>(), found.len() as u64);
             assert!(judge(&found[5..]).unwrap_err().contains("grains are missing"));

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use std::num::NonZeroUsize;
 
 use super::convex::{Body, MixedBody};
-use super::grading::{self, Grains, SIZE_ERROR};
+use super::grading::{self, SIZE_ERROR, Sizes};
 use super::packing::Packing;
 use super::region::SpecimenRegion;
 use super::required::Required;
@@ -76,8 +76,9 @@ fn judge_shapes(
     if let Some(ellipsoids) = ellipsoids_of(shapes)? {
         let packing = ellipsoid_bodies(&ellipsoids, poses, region)?;
         let sizes = collected(ellipsoids.iter().map(|shape| ellipsoid_size(shape, size)))?;
-        let grains = Grains::Bodies { sizes: &sizes, error: &|_| SIZE_ERROR };
-        return judge_bodies(&packing, (grains, aggregate), (request, extent), scope, walk);
+        let sizes =
+            Sizes { grains: sizes.len(), of: &|row| sizes[row], error: &|_| SIZE_ERROR, give_volumes: false };
+        return judge_bodies(&packing, (sizes, aggregate), (request, extent), scope, walk);
     }
     let packing = bodies(shapes, poses, region)?;
     let mut of_templates: BTreeMap<*const shape::Polyhedron, f64> = BTreeMap::new();
@@ -102,8 +103,8 @@ fn judge_shapes(
         (SolidRef::Polyhedron(_), SizeMeasure::Sieve) => 2.0 * SIEVE_ERROR,
         _ => SIZE_ERROR,
     };
-    let grains = Grains::Bodies { sizes: &sizes, error: &error };
-    judge_bodies(&packing, (grains, aggregate), (request, extent), scope, walk)
+    let sizes = Sizes { grains: sizes.len(), of: &|row| sizes[row], error: &error, give_volumes: false };
+    judge_bodies(&packing, (sizes, aggregate), (request, extent), scope, walk)
 }
 
 /// Checks all pairs of a packing of ellipsoids and convex polyhedra and returns a direction for each whose gap is less
@@ -215,7 +216,7 @@ fn bodies<'a>(
 /// Checks the walls, all pairs, and the grading of grains.
 fn judge_bodies<B: Body<SpecimenRegion>>(
     packing: &Packing<B>,
-    (grains, aggregate): (Grains<'_>, &[u16]),
+    (sizes, aggregate): (Sizes<'_>, &[u16]),
     (request, extent): (&PackingRequest, Extent),
     scope: Scope,
     walk: &Walk<'_>,
@@ -225,7 +226,7 @@ fn judge_bodies<B: Body<SpecimenRegion>>(
         Scope::All => packing.check_pairs(walk)?,
         Scope::WithoutPairs => Pairs::default(),
     };
-    Ok(Inspection::new(wall, &pairs, grading::check(grains, aggregate, request, extent)))
+    Ok(Inspection::new(wall, &pairs, grading::check(sizes, aggregate, request, extent)))
 }
 
 /// Size and volume of an ellipsoid.

@@ -4,7 +4,8 @@ use std::num::NonZeroUsize;
 
 use nalgebra::Vector3;
 
-use super::grading::{self, Grains};
+use super::asked::volume_mm3;
+use super::grading::{self, Sizes};
 use super::region::{Region as _, SpecimenRegion};
 use super::required::Required;
 use super::table::{Grain, Table};
@@ -41,8 +42,9 @@ pub(super) fn judge(
         Scope::All => check_pairs(spheres, &required, walk)?,
         Scope::WithoutPairs => Pairs::default(),
     };
-    let graded = grading::check(Grains::Spheres(&spheres.d_mm), &spheres.aggregate, request, extent);
-    Ok(Inspection::new(wall, &pairs, graded))
+    let of = |row: usize| (spheres.d_mm[row], volume_mm3(spheres.d_mm[row]));
+    let sizes = Sizes { grains: spheres.len(), of: &of, error: &|_| 0.0, give_volumes: true };
+    Ok(Inspection::new(wall, &pairs, grading::check(sizes, &spheres.aggregate, request, extent)))
 }
 
 /// Checks all but the grading.

@@ -2,7 +2,7 @@
 //!
 //! A grading becomes a list of classes, each with a distribution of diameters in closed form ([`class`]); the cut-off
 //! splits the class it falls into; diameters are sampled class by class from the coarsest down ([`sampling`]). How far
-//! whole grains miss the requested volumes is judged in `deviation`. Where grains are no spheres, the shape of each is
+//! whole grains miss the requested volumes is judged in `deviation`. Of shaped grains, the shape of each is
 //! drawn independently of its size ([`shapes`]), its volume counts toward the class, and its orientation is drawn when
 //! it is inserted ([`draw_orientation`]).
 
@@ -158,7 +158,7 @@ impl GradedMix {
 
     /// What the grains are.
     pub fn kind(&self) -> GrainKind {
-        self.shapes.as_ref().map_or(GrainKind::Spheres, ShapeSampler::kind)
+        self.shapes.as_ref().map(ShapeSampler::kind).unwrap_or_default()
     }
 
     /// Volume that a class is to fill (`V_i` of `docs/method.md`, section 1).
@@ -260,7 +260,7 @@ fn rounded(shares: impl DoubleEndedIterator<Item = f64> + ExactSizeIterator, sum
     numbers
 }
 
-/// The narrow classes of a sieve class whose grains are no spheres; its own volume ratio becomes that of its numbers.
+/// The narrow classes of a sieve class of shaped grains; its own volume ratio becomes that of its numbers.
 fn shaped(sieve_class: &mut Class, shapes: &ShapeSampler) -> Vec<Class> {
     let spheres = sieve_class.mass_fraction * sieve_class.grains_per_volume();
     let parts = shapes.split(*sieve_class);

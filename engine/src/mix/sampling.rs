@@ -8,7 +8,7 @@ use crate::memory::{collected, copied, make_room, reserved};
 use crate::packing::Solids;
 use crate::request::FieldError;
 use crate::rng::uniform;
-use crate::shape::{Ellipsoid, Form, SizeMeasure, Solid};
+use crate::shape::{Form, SizeMeasure, Solid};
 use crate::sorting;
 
 /// Draws between two looks at whether to stop: about a millisecond.
@@ -29,8 +29,8 @@ pub struct Diameters {
 /// taken from the next class, so that the total of every part misses by less than one of its smallest grains.
 ///
 /// # Errors
-/// [`PackError::Stopped`] when `should_stop` said so, [`PackError::OutOfMemory`], [`PackError::Plan`] for a mix whose
-/// grains are no spheres.
+/// [`PackError::Stopped`] when `should_stop` said so, [`PackError::OutOfMemory`], [`PackError::Plan`] for a mix of
+/// shaped grains.
 pub fn sample(
     mix: &GradedMix,
     rng: &mut Xoshiro256PlusPlus,
@@ -140,11 +140,9 @@ pub fn sample_shaped(
     let mut draw = |part: u16, size_mm: f64| -> Result<f64, PackError> {
         let grain = match &mix.shapes {
             Some(shapes) => shapes.draw(part, size_mm, forms),
-            None => Solid::Ellipsoid(SizeMeasure::Equivalent.ellipsoid(size_mm, Form::SPHERE)),
+            None => SizeMeasure::Equivalent.ellipsoid(size_mm, Form::SPHERE).into(),
         };
         let equivalent_mm = grain.d_mm();
-        let volume_mm3 =
-            grain.ellipsoid().map_or_else(|| sphere_volume(equivalent_mm), Ellipsoid::volume_mm3);
         let order = grains.len() as u32;
         grains.push(Drawn { equivalent_mm, size_mm, grain, part, order });
         if grains.len().is_multiple_of(DRAWS_PER_LOOK) {
@@ -153,7 +151,7 @@ pub fn sample_shaped(
             }
             make_room(&mut grains, DRAWS_PER_LOOK)?;
         }
-        Ok(volume_mm3)
+        Ok(grain.volume_mm3())
     };
     for &size_mm in mix.list.iter().flatten() {
         draw(0, size_mm)?;

@@ -270,12 +270,12 @@ impl ShapeSampler {
             Some(Forms::Polyhedra { templates, first }) => {
                 let of_part = ((uniform(rng) * templates.len() as f64) as usize).min(templates.len() - 1);
                 let d_mm = size_mm * templates.equivalent_over_size[of_part];
-                return Solid::Polyhedron { template: first + of_part as u32, d_mm };
+                return Solid::of_template(first + of_part as u32, d_mm);
             }
             Some(Forms::Ellipsoids(ratios)) => ratios.draw(rng),
             Some(Forms::Spheres) | None => Form::SPHERE,
         };
-        Solid::Ellipsoid(self.measure.ellipsoid(size_mm, form))
+        self.measure.ellipsoid(size_mm, form).into()
     }
 
     /// Mean volume of a grain of this part and size over that of a sphere of this diameter: `E[(d_eq / D_s)³]` for

@@ -163,9 +163,10 @@ impl TemplateShape {
 }
 
 /// What the grains of a mix are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GrainKind {
     /// All grains are spheres.
+    #[default]
     Spheres,
     /// Ellipsoids, spheres among them.
     Ellipsoids,
