@@ -25,7 +25,7 @@ const FRAME_BYTES: usize = 1 << 16;
 /// Longest text that can be the version of an engine; a longer one is damage.
 const MAX_VERSION_BYTES: u64 = 256;
 
-/// State of a run between two epochs, lent to [`crate::Control::keep_checkpoint`].
+/// State of a run between two compression cycles, lent to [`crate::Control::keep_checkpoint`].
 pub struct Checkpoint<'a> {
     of: Of<'a>,
     write_body: &'a dyn Fn(&mut dyn Write) -> io::Result<()>,

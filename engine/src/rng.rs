@@ -12,7 +12,7 @@ pub(crate) enum Stream {
     Sampling,
     /// Places.
     Rsa,
-    /// Velocities and exchanges of growing grains.
+    /// Velocities and swaps of growing grains.
     Edmd,
     /// The chance that a gradient is compared with.
     Segregation,

@@ -87,7 +87,7 @@ impl Preference {
     }
 
     /// What two grains would gain in the logarithm of their weights if they changed places, each counted by its
-    /// share of their mass, so that it is mass that the exchange sorts: by number, the mass of the fine grains
+    /// share of their mass, so that it is mass that the swaps sort: by number, the mass of the fine grains
     /// would be carried upwards by the largest of them.
     pub(crate) fn log_acceptance_ratio(&self, [i, j]: [usize; 2], [p_i, p_j]: [[f64; 3]; 2]) -> f64 {
         let gain = |grain: usize, from: [f64; 3], to: [f64; 3]| {

@@ -2,8 +2,7 @@
 //! stand, how a wall thins them out, how far sizes are apart, and whether the packing is random.
 //!
 //! Pure functions over the grains of a packing and a [`Specimen`](crate::request::Specimen), for whoever draws or
-//! tabulates them. They judge nothing: whether a packing is valid is [`crate::check`]'s question. They must never know
-//! how a packing was computed, nor how a curve is drawn.
+//! tabulates them. They judge nothing: whether a packing is valid is [`crate::check`]'s question.
 
 pub mod depth_profile;
 pub mod grading;

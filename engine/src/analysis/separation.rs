@@ -42,7 +42,7 @@ const DEALT: usize = 256;
 const ROUNDING: f64 = 1.0e-12;
 
 /// Measures the separation along a field and across it. Grains come from the largest down; each counts where it
-/// lies in the room that the rule leaves for its centre, those that are no spheres as spheres of equal volume. The seed
+/// lies in the room that the rule leaves for its centre, shaped grains as spheres of equal volume. The seed
 /// is that of the packing.
 pub fn separation<'a>(
     grains: impl Into<GrainsRef<'a>>,

@@ -90,7 +90,7 @@ pub(super) fn check_deck(
         })
     };
     if let Some(phase) = report.phases.iter().find(|phase| !is_given(phase)) {
-        return Err(format!("the phase {:?} has a material that nobody gave", phase.name));
+        return Err(format!("the phase {:?} has a material that no request stated", phase.name));
     }
     let counted = report.phases.iter().map(|phase| phase.elements).sum::<u64>();
     if counted != report.number_of_elements {
@@ -239,8 +239,8 @@ mod tests {
             &[
                 ("uniaxial_z", |report| report["load"] = json!("uniaxial_x")),
                 ("voxels", |report| report["elements"] = json!("tetrahedra")),
-                ("that nobody gave", |report| report["phases"][1]["youngs_modulus_gpa"] = json!(700)),
-                ("that nobody gave", |report| report["phases"][0]["poissons_ratio"] = json!(0.3)),
+                ("that no request stated", |report| report["phases"][1]["youngs_modulus_gpa"] = json!(700)),
+                ("that no request stated", |report| report["phases"][0]["poissons_ratio"] = json!(0.3)),
                 ("elements, all", |report| report["number_of_elements"] = json!(999)),
                 ("mm3 of", |report| report["phases"][0]["volume_mm3"] = json!(1)),
                 ("of the volume of the specimen", |report| {

@@ -65,7 +65,7 @@ pub(super) fn check_properties(
         materials.is_some_and(|given| given.entries().any(|(_, known)| known == material))
     };
     if let Some(phase) = report.phases.iter().find(|phase| !is_given(&phase.material)) {
-        return Err(format!("the phase {:?} has a material that nobody gave", phase.name));
+        return Err(format!("the phase {:?} has a material that no request stated", phase.name));
     }
     let shares: Vec<f64> = report.phases.iter().map(|phase| phase.share).collect();
     let sum: f64 = shares.iter().sum();
@@ -175,7 +175,7 @@ mod tests {
                 }
             }),
             ("a conductivity is 3.3", |report| report["conductivity"]["matrix"][2][2] = json!(3.3)),
-            ("that nobody gave", |report| {
+            ("that no request stated", |report| {
                 report["phases"][1]["material"]["youngs_modulus_gpa"] = json!(700);
             }),
             ("the sum 1", |report| report["phases"][0]["share"] = json!(0.5)),

@@ -96,7 +96,7 @@ impl<'a> Grain<'a> for PlacedGrain<'a> {
     }
 }
 
-/// What is computed once of a grain that is no sphere.
+/// What is computed once of a shaped grain.
 #[derive(Debug)]
 enum Computed<'a> {
     Ellipsoid(&'a Ellipsoid, Matrices),
@@ -113,7 +113,7 @@ pub(crate) struct PlacedGrains<'a> {
 }
 
 impl<'a> PlacedGrains<'a> {
-    /// The grains of a packing. Takes 152 bytes a grain where they are no spheres.
+    /// The grains of a packing. Takes 152 bytes a shaped grain.
     ///
     /// # Errors
     /// The system refused memory.

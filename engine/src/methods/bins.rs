@@ -110,7 +110,7 @@ impl<T: Copy + Default, const N: usize> Bins<T, N> {
 
     /// Asks the memory for the last block of a bin.
     #[inline(always)]
-    pub(super) fn ask_for_last(&self, bin: usize) {
+    pub(super) fn prefetch_last(&self, bin: usize) {
         prefetch(&self.blocks, self.last.get(bin).map_or(NIL, |last| last.block) as usize);
     }
 

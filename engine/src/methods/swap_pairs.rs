@@ -1,8 +1,8 @@
-//! Which grains a Monte Carlo swap move tries to exchange: pairs of similar size (Berthier, Coslovich, Ninarello and
+//! Which grains a Monte Carlo swap move tries to swap: pairs of similar size (Berthier, Coslovich, Ninarello and
 //! Ozawa 2016, DOI 10.1103/PhysRevLett.116.238002).
 //!
 //! Grains are ranked by size, from the largest down. The largest relative difference of sizes that is tried, the
-//! window, is steered to a share of accepted swaps. Whether two grains can be exchanged is up to the method.
+//! window, is steered to a share of accepted swaps. Whether two grains can be swapped is up to the method.
 
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -16,7 +16,7 @@ const MOST_WINDOW: f64 = 0.3;
 /// Fewest tries by which the window is changed.
 const FEWEST_TRIES: u64 = 20;
 
-/// Sets of grains that exchange their places among themselves only: those of one form, because a larger grain hardly
+/// Sets of grains that swap positions among themselves only: those of one form, because a larger grain hardly
 /// ever fits in the place of one of another form.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Families {
@@ -77,7 +77,7 @@ pub(crate) struct SwapPairs {
     pub(crate) accepted: u64,
 }
 
-/// Grains that exchange their places among themselves.
+/// Grains that swap positions among themselves.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SwapGroup {
     /// Their sites, in the order of their families and sizes.
@@ -210,9 +210,9 @@ impl SwapPairs {
         self.site[place] as usize
     }
 
-    /// Takes notice that two grains were exchanged.
+    /// Takes notice that two grains were swapped.
     #[inline]
-    pub(crate) fn exchange(&mut self, [larger, smaller]: [usize; 2]) {
+    pub(crate) fn swap(&mut self, [larger, smaller]: [usize; 2]) {
         self.site.swap(larger, smaller);
     }
 

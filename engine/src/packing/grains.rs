@@ -151,7 +151,7 @@ impl Grains {
         GrainsRef::from(self).spheres()
     }
 
-    /// The grains, where they are no spheres.
+    /// The grains, where they are shaped.
     #[must_use]
     pub fn solids(&self) -> Option<&Solids> {
         GrainsRef::from(self).solids()

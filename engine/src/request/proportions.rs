@@ -1,7 +1,6 @@
 //! The aggregate of a mix by what concrete technology names: cement, water and air in a cubic metre.
 //!
-//! Every part is a share of the volume of fresh concrete, and what they leave is aggregate. It knows masses and
-//! densities; it must never know gradings.
+//! Every part is a share of the volume of fresh concrete, and what they leave is aggregate.
 
 use serde::Serialize;
 

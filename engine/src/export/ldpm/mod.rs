@@ -4,8 +4,7 @@
 //! Grains but for air voids (`voids`) and nodes on the surface of the specimen ([`Nodes`]) are joined by a Delaunay
 //! tetrahedralisation; each tetrahedron falls into facets between the cells of its nodes (`tessellation`); every
 //! lattice is checked (`measured`, `checks`, `clearances`) and then written (`chrono`, `vtu`). Facets are many and
-//! follow from the nodes: they are computed wherever they are needed, never kept. It knows grains and their specimen;
-//! it must never know how they were packed or where what it writes goes.
+//! follow from the nodes: they are computed wherever they are needed, never kept.
 
 mod checks;
 mod chrono;

@@ -1,6 +1,4 @@
 //! The nodes of a lattice: those laid on the surface of the specimen, then the grains.
-//!
-//! It knows the surface and the grains; it must never know how nodes are joined.
 
 use std::sync::Arc;
 

@@ -1,6 +1,5 @@
 //! The surface of a specimen: its vertices, edges and faces, each with coordinates in which lengths and areas
-//! are true. It knows shapes; it must never know where nodes go, but for the lines that those of a lateral surface lie
-//! on.
+//! are true. It is independent of where nodes go, except on lateral surfaces.
 //!
 //! The convex hull of points scattered on a lateral surface is no good surface: where nothing is curved along the axis,
 //! its triangles are needles from end to end. So nodes of a lateral surface lie on common lines parallel to the axis,

@@ -1,4 +1,4 @@
-//! Which tetrahedra, edges and faces meet where. It knows numbers of nodes; it must never know where they are.
+//! Which tetrahedra, edges and faces meet where, by the numbers of nodes alone.
 
 use crate::arrays::Each as _;
 use crate::control::Control;

@@ -3,7 +3,7 @@
 //! A voxel has the label of what its centre lies in. What that does to the volume fraction is reported beside
 //! the exact one. Rows of voxels are made in pieces on several threads and written in their order, so that the bytes do
 //! not depend on the threads, and a grid of any size takes the memory of a few pieces; hexahedra keep a byte of each
-//! voxel. The module knows grains and their specimen; it must never know how they were packed.
+//! voxel.
 
 mod base64;
 mod grid;

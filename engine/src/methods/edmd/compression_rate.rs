@@ -30,12 +30,12 @@ const LEAST_SLOW: f64 = 0.15;
 const MANY_GRAINS: f64 = 500.0;
 /// down to so few.
 const FEW_GRAINS: f64 = 27.0;
-/// Share of the loose rate at which equal grains grow to the largest distance: they have nothing to
-/// exchange, and order is all that makes them denser.
+/// Share of the loose rate at which equal grains grow to the largest distance: swaps
+/// change nothing among them, and order is all that makes them denser.
 const EQUAL_GRAINS: f64 = 0.02;
 /// Rate towards the largest distance, times the collisions per grain that are left. Less is better where many are left,
 /// more where few are (`docs/edmd.md`).
-const PACE: f64 = 0.7;
+const COLLISION_RATE: f64 = 0.7;
 /// Pressure above which hardly anything rearranges,
 const FROZEN: f64 = 1500.0;
 /// and the least rate there, at which gaps close.
@@ -68,8 +68,8 @@ impl CompressionRate {
 
     /// The rate for the next cycle towards the largest distance, with so many collisions per grain left.
     pub(crate) fn paced(&self, reduced_pressure: f64, collisions_left: f64) -> f64 {
-        let pace = self.most.min(PACE / collisions_left.max(PACE / self.most));
-        if reduced_pressure < LOOSE { self.loose.max(pace) } else { pace }
+        let rate = self.most.min(COLLISION_RATE / collisions_left.max(COLLISION_RATE / self.most));
+        if reduced_pressure < LOOSE { self.loose.max(rate) } else { rate }
     }
 
     /// The rate for the next cycle towards a target, at a [`distance_to_jamming`].
@@ -128,8 +128,8 @@ mod tests {
     fn growth_to_the_largest_distance_is_paced_by_the_collisions_left() {
         let rate = CompressionRate::new(0.1, 10_000).without_target(10_000, false);
         assert_eq!(rate.paced(2.0, 4000.0), 0.1);
-        assert!((rate.paced(100.0, 4000.0) - PACE / 4000.0).abs() < 1e-12);
-        assert!((rate.paced(1e5, 20.0) - PACE / 20.0).abs() < 1e-12);
+        assert!((rate.paced(100.0, 4000.0) - COLLISION_RATE / 4000.0).abs() < 1e-12);
+        assert!((rate.paced(1e5, 20.0) - COLLISION_RATE / 20.0).abs() < 1e-12);
         for left in [5.0, 0.0, -1.0] {
             assert_eq!(rate.paced(1e5, left), 0.1);
         }

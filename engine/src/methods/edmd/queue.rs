@@ -150,7 +150,7 @@ impl Queue {
     /// Asks the memory for what the bins after that at the cursor need, each time one step further: their last blocks,
     /// those before them, then the next events of the grains.
     fn ask_ahead(&self, next: &[Next]) {
-        self.bins.ask_for_last(self.cursor + 3);
+        self.bins.prefetch_last(self.cursor + 3);
         self.bins.ask_for_next_to_last(self.cursor + 2);
         self.bins.for_each(self.cursor + 1, |grain| prefetch(next, grain as usize));
     }

@@ -47,7 +47,7 @@ pub(crate) fn sweep(
     Ok(())
 }
 
-/// Tries so many pairs; returns how many had different sizes, and how many of these were exchanged.
+/// Tries so many pairs; returns how many had different sizes, and how many of these were swapped.
 #[inline(always)]
 fn try_pairs(
     pairs: &mut SwapPairs,
@@ -69,7 +69,7 @@ fn try_pairs(
         let wanted =
             log_ratio.is_none_or(|log_ratio| ln(uniform(rng)) <= log_ratio([larger, smaller], places));
         if wanted && swap(system, i, j) {
-            pairs.exchange([larger, smaller]);
+            pairs.swap([larger, smaller]);
             accepted += 1;
         }
     }

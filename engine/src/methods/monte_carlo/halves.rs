@@ -204,8 +204,8 @@ fn descend_from<S: ConvexShape, R: Default + Send>(
         *done = descend_from(half, 2 * range + number, threads, work, add);
     });
     let [(lower, of_lower), (upper, of_upper)] = halves;
-    let counts = [lower.held, upper.held];
-    part.held += counts.iter().sum::<u64>();
+    let counts = [lower.skins_left, upper.skins_left];
+    part.skins_left += counts.iter().sum::<u64>();
     let own = work(part, range);
     add(add(of_lower, of_upper), own)
 }

@@ -4,7 +4,7 @@
 //! shows most pairs to be farther apart than the closest known one; only of a pair that is closer the largest gap is
 //! looked for, by bisection between what the normal shows and what is known.
 
-use super::planes::{LANES, NOBODY, is_wall};
+use super::planes::{LANES, NO_NEIGHBOR, is_wall};
 use super::system::Part;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, minus, norm, scaled, sum};
@@ -21,7 +21,7 @@ impl<S: ConvexShape> Part<'_, S> {
             for group in &self.groups[cold.list.groups()] {
                 for lane in 0..LANES {
                     let neighbor = group.neighbors[lane];
-                    if neighbor == NOBODY || is_wall(neighbor) {
+                    if neighbor == NO_NEIGHBOR || is_wall(neighbor) {
                         continue;
                     }
                     let (j, image) = self.frame.names.read(neighbor);
@@ -31,7 +31,8 @@ impl<S: ConvexShape> Part<'_, S> {
                         let r = minus(sum(other.center, self.frame.shift(image)), hot.center);
                         let least = self.frame.rule.gap_mm(hot.d, other.d);
                         let turned = [&hot.turned, &other.turned];
-                        kept = of_pair(turned, r, group.unit(lane), [least, self.frame.more, kept], hot.d);
+                        kept =
+                            of_pair(turned, r, group.unit(lane), [least, self.frame.extra_gap, kept], hot.d);
                     }
                 }
             }
@@ -39,13 +40,13 @@ impl<S: ConvexShape> Part<'_, S> {
                 let least = self.frame.rule.gap_mm(hot.d, hot.d);
                 for r in self.own_images_near(&hot.turned, least + kept) {
                     let along = scaled(r, 1.0 / norm(r));
-                    kept = of_pair([&hot.turned; 2], r, along, [least, self.frame.more, kept], hot.d);
+                    kept = of_pair([&hot.turned; 2], r, along, [least, self.frame.extra_gap, kept], hot.d);
                 }
             }
             if self.frame.wall_share > 0.0 {
                 let slack = |wall: u32| -self.frame.beyond_wall(wall, hot);
                 let least = self.frame.container.walls().map(slack).fold(self.lateral_slack(hot).0, f64::min);
-                kept = kept.min(self.frame.more + least / self.frame.wall_share);
+                kept = kept.min(self.frame.extra_gap + least / self.frame.wall_share);
             }
         }
         kept

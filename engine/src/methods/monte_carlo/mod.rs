@@ -1,9 +1,9 @@
 //! Hard-particle Monte Carlo of growing grains of any shape: shake, swap, grow, push.
 //!
 //! Compression cycles carry a loose random packing to its target. In each cycle grains of similar size swap
-//! positions where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the specimen
-//! shrinks (`scale`) onto the grains, which push each other out of the way (`push`). What the pushes leave is undone in
-//! part, so that every cycle ends with a valid packing at its scale.
+//! positions where they fit (`swap`), every grain makes random moves that keep all gaps (`shake`), and then the
+//! specimen shrinks (`scale`) onto the grains, which push each other out of the way (`push`). What the pushes leave is
+//! undone in part, so that every cycle ends with a valid packing at its scale.
 //!
 //! From the inside out: `system` has the grains, `planes` the test that all moves share, `lists` finds the neighbours
 //! and `lay_out` lays the planes between them, `halves` says which grains threads may move at the same time, and `run`

@@ -33,7 +33,7 @@ pub(super) const LANES: usize = 4;
 /// The neighbour of an unused lane. No image has all of the upper bits of a name ([`ImageNames`]).
 ///
 /// [`ImageNames`]: crate::methods::image_names::ImageNames
-pub(super) const NOBODY: u32 = u32::MAX;
+pub(super) const NO_NEIGHBOR: u32 = u32::MAX;
 /// The first of the plane walls, as a neighbour; the others follow by their numbers.
 pub(super) const WALL: u32 = u32::MAX - 16;
 /// Largest number of grains that lists can name where no grain is longer than an edge of its periodic box: beside the
@@ -90,7 +90,7 @@ impl Group {
         normals: [[0; LANES]; 3],
         mirrors: [FAR; LANES],
         offsets: [NEVER; LANES],
-        neighbors: [NOBODY; LANES],
+        neighbors: [NO_NEIGHBOR; LANES],
     };
 
     #[inline(always)]
@@ -139,7 +139,7 @@ impl Group {
 
 #[inline(always)]
 pub(super) fn is_wall(neighbor: u32) -> bool {
-    neighbor >= WALL && neighbor != NOBODY
+    neighbor >= WALL && neighbor != NO_NEIGHBOR
 }
 
 /// A grain in four lanes, by the ellipsoid around it and its centre, from where its list was built.
@@ -171,9 +171,9 @@ impl<L: Lanes, T: Turned> Spread<L, T> {
         }
     }
 
-    /// Mask of the planes of a group that the ellipsoid crosses, or would where their offsets were less by `more`.
+    /// Mask of the planes of a group that the ellipsoid crosses, or would where their offsets were less by `slack_mm`.
     #[inline(always)]
-    pub(super) fn crosses<S: InstructionSet<Lanes = L>>(&self, set: S, group: &Group, more: L) -> L {
+    pub(super) fn crosses<S: InstructionSet<Lanes = L>>(&self, set: S, group: &Group, slack_mm: L) -> L {
         let [x, y, z] = [
             set.lanes(group.normals[0].each(f64::from)),
             set.lanes(group.normals[1].each(f64::from)),
@@ -181,7 +181,7 @@ impl<L: Lanes, T: Turned> Spread<L, T> {
         ];
         let [xx, xy, xz, yy, yz, zz] = self.matrix;
         let along = x * self.center[0] + y * self.center[1] + z * self.center[2];
-        let left = set.lanes(group.offsets.each(f64::from)) - along - more;
+        let left = set.lanes(group.offsets.each(f64::from)) - along - slack_mm;
         let h2 = if T::IS_SPHERE {
             xx * (x * x + y * y + z * z)
         } else {
@@ -275,7 +275,8 @@ impl<S: ConvexShape> Part<'_, S> {
         Spread::new(set, minus(as_if.center, self.cold[i].listed_center), &as_if.turned.around())
     }
 
-    /// Whether a grain whose ellipsoid crosses a plane, or would where its offset was less by `more`, does so itself.
+    /// Whether a grain whose ellipsoid crosses a plane, or would where its offset was less by `slack_mm`, does so
+    /// itself.
     #[inline(always)]
     pub(super) fn crosses_itself(
         &self,
@@ -283,7 +284,7 @@ impl<S: ConvexShape> Part<'_, S> {
         as_if: &Hot<S::Turned>,
         group: usize,
         lane: usize,
-        more: f64,
+        slack_mm: f64,
     ) -> bool {
         let planes = &self.groups[group];
         let neighbor = planes.neighbors[lane];
@@ -295,7 +296,7 @@ impl<S: ConvexShape> Part<'_, S> {
         }
         let n = planes.normal(lane);
         let from_listed = minus(as_if.center, self.cold[i].listed_center);
-        dot(from_listed, n) + as_if.turned.support_mm(n) > f64::from(planes.offsets[lane]) - more
+        dot(from_listed, n) + as_if.turned.support_mm(n) > f64::from(planes.offsets[lane]) - slack_mm
     }
 
     /// Decides the pair of a grain's plane, where the grain is this one.

@@ -49,7 +49,7 @@ fn held(system: &mut System<Ellipsoid>) -> (f64, bool) {
         for (group, lane) in groups.flat_map(|group| (0..LANES).map(move |lane| (group, lane))) {
             let planes = &system.groups[group];
             let (neighbor, n) = (planes.neighbors[lane], planes.normal(lane));
-            if neighbor == NOBODY {
+            if neighbor == NO_NEIGHBOR {
                 continue;
             }
             let offset = f64::from(planes.offsets[lane]) + dot(cold.listed_center, n);

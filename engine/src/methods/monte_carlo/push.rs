@@ -57,7 +57,7 @@ const MARGIN: f64 = 1e-12;
 /// Turns of the search for the least widening that ends an overlap.
 const LEFT_TURNS: u32 = 4;
 
-/// Pushes of a sweep below which the next one is not worth to be shared by threads.
+/// Pushes of a sweep below which the next one costs more to distribute to threads than to compute.
 const LEAST_SHARED: u64 = 1000;
 
 /// What is to become tighter.
@@ -75,7 +75,7 @@ pub(super) struct Pushed {
     /// Sweeps that were needed.
     pub(super) sweeps: u32,
     /// Whether a grain would have come out of its skin: then the lists should be built again.
-    pub(super) is_held: bool,
+    pub(super) left_skin: bool,
     /// Whether all gaps are kept.
     pub(super) is_clear: bool,
     pub(super) pushes: u64,
@@ -87,7 +87,7 @@ pub(super) struct Pusher {
     /// The last bits of the centre of each grain, and of where its list was built: scaling leaves the others.
     saved: Vec<[[u8; 3]; 2]>,
     saved_stretch: f64,
-    saved_more: f64,
+    saved_extra_gap: f64,
     active: Vec<bool>,
     next: Vec<bool>,
     /// How far beyond its gap a pair is pushed, in shares of the depth and of the diameter of the smaller grain.
@@ -120,7 +120,7 @@ impl Pusher {
             system.moved.push(Blocks::reserved(system.halves.leaf(leaf).1)?);
         }
         system.cold.iter_mut().for_each(|cold| cold.list.mark_moved(false));
-        (self.saved_stretch, self.saved_more) = (system.frame.stretch, system.frame.more);
+        (self.saved_stretch, self.saved_extra_gap) = (system.frame.stretch, system.frame.extra_gap);
         match by {
             Tighten::Shrink(factor) => system.scale(factor),
             Tighten::Gap(more) => system.widen_gaps(more),
@@ -131,8 +131,8 @@ impl Pusher {
     }
 
     fn sweeps(&mut self, system: &mut System<impl ConvexShape>, most: u32) -> Pushed {
-        let held = system.held;
-        let mut pushed = Pushed { sweeps: 0, is_held: false, is_clear: false, pushes: 0 };
+        let held = system.skins_left;
+        let mut pushed = Pushed { sweeps: 0, left_skin: false, is_clear: false, pushes: 0 };
         let mut threads = system.threads;
         for sweep in 1..=most {
             pushed.sweeps = sweep;
@@ -141,10 +141,10 @@ impl Pusher {
             (all.active, all.next) = (Window::whole(&mut self.active), Window::whole(&mut self.next));
             let work = |part: &mut Part<'_, _>, range: usize| push_range(part, range, strengths);
             let pushes = descend(&mut all, threads, &work, |a, b| a + b);
-            let more_held = all.held;
-            system.held += more_held;
+            let more_held = all.skins_left;
+            system.skins_left += more_held;
             pushed.pushes += pushes;
-            pushed.is_held = system.held > held;
+            pushed.left_skin = system.skins_left > held;
             if pushes == 0 {
                 pushed.is_clear = true;
                 return pushed;
@@ -192,7 +192,7 @@ impl Pusher {
                 for lane in 0..LANES {
                     let planes = &system.groups[group];
                     let neighbor = planes.neighbors[lane];
-                    if neighbor == super::planes::NOBODY {
+                    if neighbor == super::planes::NO_NEIGHBOR {
                         continue;
                     }
                     if is_wall(neighbor) {
@@ -254,9 +254,9 @@ impl Pusher {
 
     /// Goes back to before the push; the planes follow.
     pub(super) fn undo(&mut self, system: &mut System<impl ConvexShape>) {
-        if system.frame.more > self.saved_more {
-            system.widen_gaps(self.saved_more - system.frame.more);
-            system.frame.more = self.saved_more;
+        if system.frame.extra_gap > self.saved_extra_gap {
+            system.widen_gaps(self.saved_extra_gap - system.frame.extra_gap);
+            system.frame.extra_gap = self.saved_extra_gap;
         }
         if system.frame.stretch < self.saved_stretch {
             system.scale(self.saved_stretch / system.frame.stretch);
@@ -416,8 +416,8 @@ impl<S: ConvexShape> Part<'_, S> {
         let center = sum(self.hot[i].center, by);
         let orientation = self.turned(i, turn);
         if self.skin_used(i, center, orientation) > self.cold[i].skin {
-            self.held += 1;
-            self.cold[i].list.mark_held(true);
+            self.skins_left += 1;
+            self.cold[i].list.mark_left_skin(true);
             return;
         }
         if !self.cold[i].list.is_moved() {

@@ -27,7 +27,7 @@ impl<S: ConvexShape> System<S> {
 
     /// Widens all gaps by a length, which may be negative.
     pub(super) fn widen_gaps(&mut self, by: f64) {
-        self.frame.more += by;
+        self.frame.extra_gap += by;
         let closer = 0.5 * by * if by > 0.0 { LONGEST } else { SHORTEST };
         for group in &mut self.groups {
             group.offsets = group.offsets.each(|offset| below(f64::from(offset) - closer));

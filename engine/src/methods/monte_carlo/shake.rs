@@ -142,29 +142,29 @@ fn sweep_with<I: InstructionSet, S: ConvexShape>(
     moves
 }
 
-/// Whether the trial pose of a grain keeps all gaps; notes the planes that are to be computed again. `more` is how far
-/// the grain may already be beyond its planes, because the gap that it must keep has just changed.
+/// Whether the trial pose of a grain keeps all gaps; notes the planes that are to be computed again. `slack_mm` is how
+/// far the grain may already be beyond its planes, because the gap that it must keep has just changed.
 #[inline(always)]
 pub(super) fn fits<I: InstructionSet, S: ConvexShape>(
     set: I,
     system: &Part<'_, S>,
     i: usize,
     as_if: &Hot<S::Turned>,
-    more: f64,
+    slack_mm: f64,
     pending: &mut Pending,
 ) -> bool {
     let cold = &system.cold[i];
     let spread = system.spread(set, i, as_if);
-    let more = more * LONGEST;
-    let more_lanes = set.splat(more);
+    let slack_mm = slack_mm * LONGEST;
+    let slack_lanes = set.splat(slack_mm);
     for group in cold.list.groups() {
-        let crossed = spread.crosses(set, &system.groups[group], more_lanes);
+        let crossed = spread.crosses(set, &system.groups[group], slack_lanes);
         if !crossed.any() {
             continue;
         }
         let crossed = crossed.to_array();
         for lane in 0..LANES {
-            if crossed[lane].to_bits() == 0 || !system.crosses_itself(i, as_if, group, lane, more) {
+            if crossed[lane].to_bits() == 0 || !system.crosses_itself(i, as_if, group, lane, slack_mm) {
                 continue;
             }
             if is_wall(system.groups[group].neighbors[lane]) {

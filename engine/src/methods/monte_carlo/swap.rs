@@ -1,14 +1,14 @@
 //! Monte Carlo swap moves of grains of similar size (Berthier, Coslovich, Ninarello and Ozawa 2016,
 //! DOI 10.1103/PhysRevLett.116.238002).
 //!
-//! Two sites exchange their shapes, each site keeping its centre and orientation, where both shapes fit. Near jamming,
+//! Two sites swap their shapes, each site keeping its centre and orientation, where both shapes fit. Near jamming,
 //! where grains hardly move, this is what still lets sizes and voids find each other.
 
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::halves::descend;
-use super::planes::{LANES, LONGEST, NOBODY, below, is_wall};
+use super::planes::{LANES, LONGEST, NO_NEIGHBOR, below, is_wall};
 use super::shake::{Pending, fits};
 use super::system::{Hot, Part, System, rotation};
 use crate::arrays::Each as _;
@@ -79,7 +79,7 @@ pub(super) fn sweep<S: ConvexShape>(
     tried.refused.map_or(Ok(()), Err)
 }
 
-/// How many pairs had different shapes, and how many of these were exchanged.
+/// How many pairs had different shapes, and how many of these were swapped.
 #[derive(Clone, Copy, Default)]
 struct SwapCounts {
     tried: u64,
@@ -156,7 +156,7 @@ fn try_pairs_with<I: InstructionSet, S: ConvexShape>(
                 ln(uniform(rng)) <= preference.log_acceptance_ratio(ranks, centers)
             });
             if is_preferred && swap(set, system, sites[0], sites[1]) {
-                pairs.exchange([larger, smaller]);
+                pairs.swap([larger, smaller]);
                 accepted += 1;
             }
         }
@@ -170,14 +170,14 @@ struct Changed<S: ConvexShape> {
     as_if: Hot<S::Turned>,
     shape: S,
     longer: f64,
-    more: f64,
+    slack_mm: f64,
 }
 
 impl<S: ConvexShape> Changed<S> {
     /// Whether the skin of the site has room for the other shape where the site is now, for the lists hold no farther.
     #[inline(always)]
     fn keeps_skin(&self, system: &Part<'_, S>, site: usize) -> bool {
-        let (cold, taken) = (&system.cold[site], self.longer + self.more);
+        let (cold, taken) = (&system.cold[site], self.longer + self.slack_mm);
         taken <= SKIN_SHARE * cold.skin
             && (taken == 0.0
                 || taken + system.skin_used(site, system.hot[site].center, cold.orientation) <= cold.skin)
@@ -192,7 +192,7 @@ fn changed<S: ConvexShape>(system: &Part<'_, S>, site: usize, from: usize) -> Ch
     let longer = [0, 1, 2].each(|a| around[a] - around_old[a]).into_iter().fold(0.0, f64::max);
     let turned = new.shape.turned(&rotation(old.orientation));
     let as_if = Hot { center: system.hot[site].center, turned, d: d_new };
-    Changed { as_if, shape: new.shape, longer, more: system.more_gap(d_old, d_new) }
+    Changed { as_if, shape: new.shape, longer, slack_mm: system.more_gap(d_old, d_new) }
 }
 
 /// Lets the shapes of two sites change places if they fit; the larger one is at the first site.
@@ -200,12 +200,12 @@ fn changed<S: ConvexShape>(system: &Part<'_, S>, site: usize, from: usize) -> Ch
 fn swap<I: InstructionSet>(set: I, system: &mut Part<'_, impl ConvexShape>, i: usize, j: usize) -> bool {
     let at_j = changed(system, j, i);
     let mut planes_j = Pending::new();
-    if !at_j.keeps_skin(system, j) || !fits(set, system, j, &at_j.as_if, at_j.more, &mut planes_j) {
+    if !at_j.keeps_skin(system, j) || !fits(set, system, j, &at_j.as_if, at_j.slack_mm, &mut planes_j) {
         return false;
     }
     let at_i = changed(system, i, j);
     let mut planes_i = Pending::new();
-    if !at_i.keeps_skin(system, i) || !fits(set, system, i, &at_i.as_if, at_i.more, &mut planes_i) {
+    if !at_i.keeps_skin(system, i) || !fits(set, system, i, &at_i.as_if, at_i.slack_mm, &mut planes_i) {
         return false;
     }
     // Each fits beside the other as it was.
@@ -213,11 +213,11 @@ fn swap<I: InstructionSet>(set: I, system: &mut Part<'_, impl ConvexShape>, i: u
         return false;
     }
     for (site, change) in [(j, &at_j), (i, &at_i)] {
-        system.come_closer(site, change.more, change.as_if.d);
+        system.come_closer(site, change.slack_mm, change.as_if.d);
         system.hot[site] = change.as_if;
         let cold = &mut system.cold[site];
         cold.shape = change.shape;
-        cold.skin -= change.longer + change.more;
+        cold.skin -= change.longer + change.slack_mm;
     }
     planes_j.lay(system);
     planes_i.lay(system);
@@ -231,10 +231,9 @@ fn swap<I: InstructionSet>(set: I, system: &mut Part<'_, impl ConvexShape>, i: u
 fn are_neighbors(system: &Part<'_, impl ConvexShape>, i: usize, j: usize) -> bool {
     let cold = &system.cold[i];
     let groups = &system.groups[cold.list.groups()];
-    groups
-        .iter()
-        .flat_map(|group| group.neighbors)
-        .any(|neighbor| neighbor != NOBODY && !is_wall(neighbor) && system.frame.names.read(neighbor).0 == j)
+    groups.iter().flat_map(|group| group.neighbors).any(|neighbor| {
+        neighbor != NO_NEIGHBOR && !is_wall(neighbor) && system.frame.names.read(neighbor).0 == j
+    })
 }
 
 impl<S: ConvexShape> Part<'_, S> {
@@ -247,15 +246,15 @@ impl<S: ConvexShape> Part<'_, S> {
     }
 
     /// Brings the planes of a grain, but not those of its neighbours, closer to it, for the gaps of its new diameter.
-    fn come_closer(&mut self, i: usize, more: f64, d: f64) {
+    fn come_closer(&mut self, i: usize, slack_mm: f64, d: f64) {
         for group in self.cold[i].list.groups() {
             for lane in 0..LANES {
                 let neighbor = self.groups[group].neighbors[lane];
-                if neighbor != NOBODY && is_wall(neighbor) {
+                if neighbor != NO_NEIGHBOR && is_wall(neighbor) {
                     self.lay_wall(i, group, lane, d);
                 } else {
                     let offset = &mut self.groups[group].offsets[lane];
-                    *offset = below(f64::from(*offset) - more * LONGEST);
+                    *offset = below(f64::from(*offset) - slack_mm * LONGEST);
                 }
             }
         }

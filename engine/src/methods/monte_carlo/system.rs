@@ -56,7 +56,7 @@ pub(super) struct List {
 
 impl List {
     const MARKS: u32 = 4;
-    const IS_HELD: u32 = 1;
+    const LEFT_SKIN: u32 = 1;
     const IS_NEAR_LATERAL: u32 = 2;
     const IS_NEAR_ITSELF: u32 = 4;
     const IS_MOVED: u32 = 8;
@@ -76,13 +76,13 @@ impl List {
         first..first + (self.count_and_marks >> Self::MARKS) as usize
     }
 
-    /// Whether the grain was held by its skin since the list was built.
-    pub(super) fn is_held(self) -> bool {
-        self.count_and_marks & Self::IS_HELD != 0
+    /// Whether a displacement out of the skin of the grain was refused since the list was built.
+    pub(super) fn left_skin(self) -> bool {
+        self.count_and_marks & Self::LEFT_SKIN != 0
     }
 
-    pub(super) fn mark_held(&mut self, is_held: bool) {
-        self.mark(Self::IS_HELD, is_held);
+    pub(super) fn mark_left_skin(&mut self, left_skin: bool) {
+        self.mark(Self::LEFT_SKIN, left_skin);
     }
 
     /// Whether the grain can come close to the lateral surface of a cylinder.
@@ -176,7 +176,7 @@ pub(super) struct Frame {
     pub(super) stretch: f64,
     pub(super) rule: DistanceRule,
     /// Gap beyond the rule's, and the share of it that is kept to walls.
-    pub(super) more: f64,
+    pub(super) extra_gap: f64,
     pub(super) wall_share: f64,
 }
 
@@ -184,12 +184,12 @@ impl Frame {
     /// The gap of two grains of these diameters.
     #[inline(always)]
     pub(super) fn gap(&self, d_i: f64, d_j: f64) -> f64 {
-        self.rule.gap_mm(d_i, d_j) + self.more
+        self.rule.gap_mm(d_i, d_j) + self.extra_gap
     }
 
     #[inline(always)]
     pub(super) fn wall_gap(&self, d: f64) -> f64 {
-        self.rule.wall_gap_mm(d) + self.wall_share * self.more
+        self.rule.wall_gap_mm(d) + self.wall_share * self.extra_gap
     }
 
     /// The plane of a wall that a grain of this diameter stays behind: its outward normal and offset.
@@ -219,7 +219,7 @@ pub(super) struct System<S: ConvexShape> {
     pub(super) rank: Vec<u32>,
     pub(super) groups: Vec<Group>,
     /// Displacements that were not made, for they would have led out of a skin.
-    pub(super) held: u64,
+    pub(super) skins_left: u64,
     /// The poses that grains had before a push displaced them, by leaf, with room for all grains while one does; of
     /// other grains it changes the scale alone.
     pub(super) moved: Vec<Blocks<Moved>>,
@@ -239,7 +239,7 @@ pub(super) struct Part<'a, S: ConvexShape> {
     pub(super) active: Window<'a, bool>,
     pub(super) next: Window<'a, bool>,
     /// As in the system, since the part was made.
-    pub(super) held: u64,
+    pub(super) skins_left: u64,
 }
 
 /// The pose that a grain had.
@@ -292,7 +292,7 @@ impl<S: ConvexShape> System<S> {
             own_images: Vec::new(),
             stretch: 1.0,
             rule,
-            more: 0.0,
+            extra_gap: 0.0,
             wall_share: 0.0,
         };
         Ok(Self {
@@ -303,7 +303,7 @@ impl<S: ConvexShape> System<S> {
             cold,
             rank,
             groups: Vec::new(),
-            held: 0,
+            skins_left: 0,
             moved: Vec::new(),
         })
     }
@@ -324,7 +324,7 @@ impl<S: ConvexShape> System<S> {
             moved: Window::whole(&mut self.moved),
             active: Window::whole(&mut []),
             next: Window::whole(&mut []),
-            held: 0,
+            skins_left: 0,
         }
     }
 
@@ -366,7 +366,7 @@ impl<S: ConvexShape> Part<'_, S> {
         let (site, _) = self.halves.leaf(leaf);
         // Lists lie in the order of the sites.
         let group = self.cold[site].list.groups().start;
-        let (frame, halves, held) = (self.frame, self.halves, 0);
+        let (frame, halves, skins_left) = (self.frame, self.halves, 0);
         let [hot, hot_above] = self.hot.split(site);
         let [cold, cold_above] = self.cold.split(site);
         let [rank, rank_above] = self.rank.split(site);
@@ -375,7 +375,7 @@ impl<S: ConvexShape> Part<'_, S> {
         let [active, active_above] = self.active.split(site);
         let [next, next_above] = self.next.split(site);
         [
-            Part { frame, halves, hot, cold, rank, groups, moved, active, next, held },
+            Part { frame, halves, hot, cold, rank, groups, moved, active, next, skins_left },
             Part {
                 frame,
                 halves,
@@ -386,7 +386,7 @@ impl<S: ConvexShape> Part<'_, S> {
                 moved: moved_above,
                 active: active_above,
                 next: next_above,
-                held,
+                skins_left,
             },
         ]
     }
@@ -487,14 +487,14 @@ mod tests {
     #[test]
     fn a_list_keeps_its_marks_and_its_groups_apart() {
         let mut list = List::default();
-        list.mark_held(true);
+        list.mark_left_skin(true);
         list.mark_near(false, true);
         list.set_groups(7, 70_000);
-        assert_eq!((list.groups(), list.is_held(), list.is_moved()), (7..70_007, true, false));
+        assert_eq!((list.groups(), list.left_skin(), list.is_moved()), (7..70_007, true, false));
         list.mark_moved(true);
-        list.mark_held(false);
+        list.mark_left_skin(false);
         list.mark_near(true, false);
-        assert_eq!((list.groups(), list.is_held(), list.is_moved()), (7..70_007, false, true));
+        assert_eq!((list.groups(), list.left_skin(), list.is_moved()), (7..70_007, false, true));
         assert!(list.is_near_lateral() && !list.is_near_itself());
     }
 }

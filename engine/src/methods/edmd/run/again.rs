@@ -59,7 +59,7 @@ impl Run {
         }
         self.again.number += 1;
         self.again.from = self.system.counts.collisions();
-        self.pace(frame, protocol);
+        self.set_rate(frame, protocol);
         self.swaps.window = FIRST_SWAP_WINDOW;
         let loose = self.first_size.min(LOOSE * self.size);
         let filled = (loose / self.size).powi(3);
@@ -73,7 +73,7 @@ impl Run {
     }
 
     /// Chooses rates as without a target, once grains grow again.
-    pub(super) fn pace(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) {
+    pub(super) fn set_rate(&mut self, frame: &Frame<'_>, protocol: &GrowthProtocol) {
         if self.again.number > 0 {
             self.compression_rate =
                 first_rate(frame, protocol).without_target(self.system.len(), frame.of_equal_grains());

@@ -130,7 +130,7 @@ impl Run {
         }
         let places = collected((0..kept).map(|rank| [0, 1, 2].map(|a| places[a][rank])))?;
         run.again = Again { number: times, from, best, places };
-        run.pace(frame, protocol);
+        run.set_rate(frame, protocol);
         let skin = same(input.f64s()?)?;
         let collisions = input.u32s()?;
         let rank = input.u32s()?;

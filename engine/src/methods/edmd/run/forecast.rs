@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use crate::elementary::ln;
 use crate::methods::edmd::Expected;
 
-/// Work before the first event besides the random placing: the first lists and predictions.
+/// Work before the first event besides the random addition: the first lists and predictions.
 const START: f64 = 2.0;
 /// Work between two compression cycles: swaps, rebuilt lists and predictions.
 const CYCLE: f64 = 1.8;

@@ -193,7 +193,7 @@ pub(crate) struct Run {
     simulated_s: f64,
     /// Packing time before the last checkpoint.
     earlier_s: f64,
-    /// The random placing that growth started from, and its time.
+    /// The random addition that growth started from, and its time.
     pub(crate) rsa: RsaStatistics,
     pub(crate) rsa_s: f64,
     grow_started: Instant,
@@ -309,7 +309,7 @@ impl Run {
                 let distance = distance_to_jamming(now, self.target_fraction, self.pressure);
                 self.compression_rate.next(self.pressure, distance)
             }
-            // Equal grains have nothing to exchange, and order where they have time.
+            // Swaps change nothing among equal grains, and order where they have time.
             Stage::Length if frame.of_equal_grains() => self.compression_rate.next(self.pressure, 1.0),
             _ => self.compression_rate.paced(self.pressure, self.collisions_left(frame)),
         };

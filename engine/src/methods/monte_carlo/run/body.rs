@@ -53,7 +53,7 @@ impl<S: ConvexShape> Run<S> {
         }
         for value in [
             self.system.frame.stretch,
-            self.system.frame.more,
+            self.system.frame.extra_gap,
             self.rate,
             self.swaps.window,
             self.mark.0,
@@ -67,7 +67,7 @@ impl<S: ConvexShape> Run<S> {
         let mut margins = self.margins.iter().peekable();
         for (site, &rank) in self.system.rank.iter().enumerate() {
             let (hot, cold) = (&self.system.hot[site], &self.system.cold[site]);
-            out.u64(u64::from(rank) << 1 | u64::from(cold.list.is_held()))?;
+            out.u64(u64::from(rank) << 1 | u64::from(cold.list.left_skin()))?;
             let margin = margins.next_if(|margin| margin.0 as usize == site).map_or(1.0, |margin| margin.1);
             let floats = hot.center.into_iter().chain(cold.orientation).chain([cold.step, margin]);
             floats.into_iter().try_for_each(|value| out.f64(value))?;
@@ -104,8 +104,8 @@ impl<S: ConvexShape> Run<S> {
         for value in &mut numbers {
             *value = input.f64()?;
         }
-        let [stretch, more, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at] = numbers;
-        if !(stretch > 0.0 && more >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
+        let [stretch, extra_gap, rate, window, mark, fraction, earlier_s, rsa_s, jammed_at] = numbers;
+        if !(stretch > 0.0 && extra_gap >= 0.0 && (LEAST_RATE..=MOST_RATE).contains(&rate)) {
             return Err(invalid());
         }
         // The grains by site, then by rank as the run takes them.
@@ -127,7 +127,7 @@ impl<S: ConvexShape> Run<S> {
         let mut run = Self::new(of, poses, 1.0, started)?;
         run.stage = stage;
         run.system.frame.stretch = stretch;
-        run.system.frame.more = more;
+        run.system.frame.extra_gap = extra_gap;
         run.rate = rate;
         run.swaps.window = window;
         run.mark = (mark, whole[9]);
@@ -147,12 +147,12 @@ impl<S: ConvexShape> Run<S> {
             RsaStatistics { attempts: whole[10], grains_by_subdivision: whole[11], voxels_tested: whole[12] };
         let margin = |floats: &[f64; FLOATS]| floats[FLOATS - 1];
         run.margins = reserved(sites.iter().filter(|(.., floats)| margin(floats) != 1.0).count())?;
-        for (site, (rank, is_held, floats)) in sites.into_iter().enumerate() {
+        for (site, (rank, left_skin, floats)) in sites.into_iter().enumerate() {
             if margin(&floats) != 1.0 {
                 run.margins.push((site as u32, margin(&floats)));
             }
             run.place(of, site, rank, floats);
-            run.system.cold[site].list.mark_held(is_held);
+            run.system.cold[site].list.mark_left_skin(left_skin);
         }
         run.curve = Curve::read(&mut input)?;
         input.finish()?;
@@ -182,7 +182,7 @@ impl<S: ConvexShape> Run<S> {
         let bounds = self.system.frame.container.bounds.each(|length| length * self.system.frame.stretch);
         let is_inside = |x: [f64; 3]| (0..3).all(|a| (x[a] - bounds[a] / 2.0).abs() <= 2.0 * bounds[a]);
         self.system.frame.stretch >= 1.0 / BEYOND_TARGET * (1.0 - 1e-9)
-            && self.system.frame.more <= bounds.iter().sum()
+            && self.system.frame.extra_gap <= bounds.iter().sum()
             && self.swaps.window > 0.0
             && (0.0..=1.0).contains(&self.fraction)
             && self.system.hot.iter().all(|hot| is_inside(hot.center))

@@ -115,7 +115,7 @@ pub(super) struct Run<S: ConvexShape> {
     /// Cycles since the lists were built, and the stretch and gap that they hold to.
     listed_cycles: u64,
     listed_stretch: f64,
-    listed_more: f64,
+    listed_extra_gap: f64,
     /// The constant gap that the grains keep, where it is what grows; at least that which they were made to keep.
     kept: f64,
 }
@@ -162,7 +162,7 @@ impl<S: ConvexShape> Run<S> {
             target_fraction: volume / of.domain.volume_mm3,
             listed_cycles: CYCLES_PER_LIST,
             listed_stretch: 0.0,
-            listed_more: 0.0,
+            listed_extra_gap: 0.0,
             kept: 0.0,
         })
     }
@@ -251,27 +251,27 @@ impl<S: ConvexShape> Run<S> {
     }
 
     fn lists_are_due(&self, by: Tighten) -> bool {
-        let (stretch, more) = match by {
-            Tighten::Shrink(factor) => (self.system.frame.stretch * factor, self.system.frame.more),
-            Tighten::Gap(by) => (self.system.frame.stretch, self.system.frame.more + by),
+        let (stretch, extra_gap) = match by {
+            Tighten::Shrink(factor) => (self.system.frame.stretch * factor, self.system.frame.extra_gap),
+            Tighten::Gap(by) => (self.system.frame.stretch, self.system.frame.extra_gap + by),
         };
         self.listed_cycles >= CYCLES_PER_LIST
             || stretch < self.listed_stretch
-            || more > self.listed_more
-            || self.system.held > (MOST_HELD * self.system.len() as f64) as u64
+            || extra_gap > self.listed_extra_gap
+            || self.system.skins_left > (MOST_HELD * self.system.len() as f64) as u64
     }
 
     fn build_lists(&mut self) -> Result<(), OutOfMemory> {
         let mut growth = (RATES_PER_LIST * self.rate).min(MOST_LISTED_GROWTH).max(2.0 * self.rate);
         let rate = self.rate;
-        let held = self.system.cold.iter().filter(|cold| cold.list.is_held()).count();
+        let held = self.system.cold.iter().filter(|cold| cold.list.left_skin()).count();
         let margins = reserved(self.margins.len() + held)?;
         let earlier = std::mem::replace(&mut self.margins, margins);
         let mut earlier = earlier.into_iter().peekable();
         for (site, (cold, hot)) in self.system.cold.iter_mut().zip(&self.system.hot).enumerate() {
             let margin =
                 earlier.next_if(|earlier| earlier.0 as usize == site).map_or(1.0, |earlier| earlier.1);
-            let margin = if cold.list.is_held() {
+            let margin = if cold.list.left_skin() {
                 (margin * HELD_WIDER).min(MOST_MARGIN)
             } else {
                 (margin * MARGIN_FALL).max(1.0)
@@ -279,7 +279,7 @@ impl<S: ConvexShape> Run<S> {
             if margin > 1.0 {
                 self.margins.push((site as u32, margin));
             }
-            cold.list.mark_held(false);
+            cold.list.mark_left_skin(false);
             let radius = hot.d / 2.0;
             let (least, most) = ((SKIN_RATES * rate + LEAST_SKIN) * radius, MOST_SKIN * radius);
             cold.skin = margin * (SKIN_STEPS * cold.step).clamp(least, most);
@@ -292,19 +292,19 @@ impl<S: ConvexShape> Run<S> {
             };
             Lists::default().build(&mut self.system, shrink, reserve)?;
             self.listed_stretch = self.system.frame.stretch / shrink;
-            self.listed_more = self.system.frame.more + reserve;
+            self.listed_extra_gap = self.system.frame.extra_gap + reserve;
             self.listed_cycles = 0;
-            self.system.held = 0;
+            self.system.skins_left = 0;
             self.counted.list_rebuilds += 1;
             if self.stage == Stage::Scale {
                 return Ok(());
             }
-            self.kept = self.system.part().kept_gap(self.listed_more);
-            let is_known = self.kept < self.listed_more;
+            self.kept = self.system.part().kept_gap(self.listed_extra_gap);
+            let is_known = self.kept < self.listed_extra_gap;
             is_loose |= !is_known;
             if is_loose {
                 // Few grains in much space keep a gap that growth would take long to reach.
-                self.system.widen_gaps(self.kept - self.system.frame.more);
+                self.system.widen_gaps(self.kept - self.system.frame.extra_gap);
             }
             if is_known {
                 return Ok(());
@@ -315,9 +315,9 @@ impl<S: ConvexShape> Run<S> {
 
     /// Measures the gap that the grains keep, and notes it as the last of the growth curve.
     fn measure_gap(&mut self) -> Result<(), OutOfMemory> {
-        self.kept = self.system.part().kept_gap(self.listed_more);
+        self.kept = self.system.part().kept_gap(self.listed_extra_gap);
         // The lists are those of growth to the size, or the grains are farther apart than they tell.
-        if self.kept >= self.listed_more {
+        if self.kept >= self.listed_extra_gap {
             self.build_lists()?;
         }
         if let Some(last) = self.curve.last_mut() {
@@ -362,7 +362,7 @@ impl<S: ConvexShape> Run<S> {
         }
         self.compress(by)?;
         if self.stage == Stage::Gap {
-            self.kept = self.system.part().kept_gap(self.listed_more);
+            self.kept = self.system.part().kept_gap(self.listed_extra_gap);
         }
         self.note_point(of);
         self.report(of, control);
@@ -371,7 +371,7 @@ impl<S: ConvexShape> Run<S> {
 
     /// Makes the packing tighter, as far as it goes, and sets the rate of the next cycle.
     fn compress(&mut self, by: Tighten) -> Result<(), OutOfMemory> {
-        let (stretch, more) = (self.system.frame.stretch, self.system.frame.more);
+        let (stretch, extra_gap) = (self.system.frame.stretch, self.system.frame.extra_gap);
         // It has the poses to go back to, and is given back before the next cycle needs memory for other things.
         let mut pusher = Pusher::default();
         let is_fast = self.rate >= FAST_RATE;
@@ -383,7 +383,7 @@ impl<S: ConvexShape> Run<S> {
         } else if pusher.keep_what_is_valid(&mut self.system, by) {
             let kept = match by {
                 Tighten::Shrink(factor) => (stretch - self.system.frame.stretch) / (stretch * (1.0 - factor)),
-                Tighten::Gap(by) => (self.system.frame.more - more) / by,
+                Tighten::Gap(by) => (self.system.frame.extra_gap - extra_gap) / by,
             };
             if kept > MOST_KEPT.0 {
                 self.rate *= MOST_KEPT.1;
@@ -407,7 +407,7 @@ impl<S: ConvexShape> Run<S> {
     fn size(&self) -> f64 {
         match self.stage {
             Stage::Scale => 1.0 / self.system.frame.stretch,
-            Stage::Gap => self.system.frame.more,
+            Stage::Gap => self.system.frame.extra_gap,
         }
     }
 
