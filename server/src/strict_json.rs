@@ -16,6 +16,7 @@ use std::fmt;
 use std::io::{self, BufRead};
 
 use packstone_engine::FieldError;
+use packstone_engine::request::decode::pointer_segment;
 use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Number, Value};
 use serde_path_to_error::{Path, Segment};
@@ -130,7 +131,7 @@ fn pointer(path: &Path) -> String {
             }
             Segment::Map { key } => {
                 pointer.push('/');
-                pointer.push_str(&key.replace('~', "~0").replace('/', "~1"));
+                pointer.push_str(&pointer_segment(key));
             }
             Segment::Enum { .. } | Segment::Unknown => {}
         }

@@ -13,7 +13,7 @@ use crate::analysis::quality::QualityReport;
 use crate::checkpoint::Resume;
 use crate::control::Control;
 use crate::plan::{Limits, Plan};
-use crate::request::decode::{At, Faults, Object};
+use crate::request::decode::{At, Faults, Object, pointer_segment};
 use crate::request::{FieldError, Materials, PackingRequest, Specimen};
 
 /// Makes the types of a table of exports: for each its name in the code, the options that implement [`Export`], and the
@@ -351,7 +351,10 @@ impl ExportRequest {
         let faults = Faults::default();
         for (name, text) in options {
             if map.insert(name.to_owned(), value_of(text)).is_some() {
-                faults.add(pointer_to(name), "is given more than once: must be given once");
+                faults.add(
+                    format!("/{}", pointer_segment(name)),
+                    "is given more than once: must be given once",
+                );
             }
         }
         let value = Value::Object(map);
@@ -432,10 +435,6 @@ fn value_of(text: &str) -> Value {
         text.starts_with(|c: char| "{[-0123456789".contains(c)) || text == "true" || text == "false";
     let parsed = looks_like_json.then(|| serde_json::from_str(text).ok()).flatten();
     parsed.unwrap_or_else(|| Value::String(text.to_owned()))
-}
-
-fn pointer_to(name: &str) -> String {
-    format!("/{}", name.replace('~', "~0").replace('/', "~1"))
 }
 
 #[cfg(test)]

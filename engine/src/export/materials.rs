@@ -2,6 +2,7 @@
 //! packing states.
 
 use super::{ExportError, Model};
+use crate::request::decode::pointer_segment;
 use crate::request::materials::{AGGREGATE, EXAMPLE, MATRIX, Material, OPTION};
 use crate::request::{FieldError, Materials};
 
@@ -106,17 +107,17 @@ impl PhaseMaterial<'_> {
 
     /// Bulk and shear modulus in GPa; both are 0 of a pore, whatever its Poisson's ratio is.
     pub(super) fn moduli_gpa(&self) -> Result<[f64; 2], FieldError> {
-        let youngs = self.needed("youngs_modulus_gpa", self.material.youngs_modulus_gpa)?;
-        if youngs == 0.0 {
+        if self.material.is_pore() {
             return Ok([0.0; 2]);
         }
+        let youngs = self.needed("youngs_modulus_gpa", self.material.youngs_modulus_gpa)?;
         let poissons = self.needed("poissons_ratio", self.material.poissons_ratio)?;
         Ok([youngs / (3.0 * (1.0 - 2.0 * poissons)), youngs / (2.0 * (1.0 + poissons))])
     }
 }
 
 fn place(phase: &str, property: &str) -> String {
-    let mut place = format!("/{OPTION}/{}", phase.replace('~', "~0").replace('/', "~1"));
+    let mut place = format!("/{OPTION}/{}", pointer_segment(phase));
     if !property.is_empty() {
         place.extend(["/", property]);
     }

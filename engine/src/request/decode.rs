@@ -6,7 +6,6 @@
 //! fields that an object may have are listed once per object.
 
 use std::cell::{Cell, RefCell};
-use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -17,6 +16,12 @@ pub const MAX_FAULTS: usize = 100;
 const MAX_POINTER_CHARS: usize = 256;
 /// Longest description of a reported fault, in characters.
 const MAX_DETAIL_CHARS: usize = 600;
+
+/// A name as one segment of a JSON pointer.
+#[must_use]
+pub fn pointer_segment(name: &str) -> String {
+    name.replace('~', "~0").replace('/', "~1")
+}
 
 /// One fault in a request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -186,8 +191,7 @@ impl<'a> At<'a> {
     }
 
     fn child(&self, segment: &str, value: &'a Value) -> Self {
-        let mut pointer = self.pointer.clone();
-        let _ = write!(pointer, "/{}", segment.replace('~', "~0").replace('/', "~1"));
+        let pointer = format!("{}/{}", self.pointer, pointer_segment(segment));
         Self { value, pointer, faults: self.faults }
     }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::decode::{At, Bound, FieldError, Object};
+use super::decode::{At, Bound, FieldError, Object, pointer_segment};
 use super::{Aggregate, MAX_AGGREGATES};
 
 /// Name of the phase between the grains.
@@ -64,6 +64,12 @@ pub struct Material {
 }
 
 impl Material {
+    /// Whether it is a pore, which has no stiffness.
+    #[must_use]
+    pub fn is_pore(&self) -> bool {
+        self.youngs_modulus_gpa == Some(0.0)
+    }
+
     fn read(at: &At<'_>) -> Option<Self> {
         let mut object = at.object()?;
         let mut number = |name, bound| object.optional(name).and_then(|at| at.number(bound));
@@ -143,7 +149,7 @@ impl Materials {
         let quoted = || phases.iter().map(|phase| format!("{phase:?}")).collect::<Vec<_>>().join(", ");
         unknown
             .map(|phase| {
-                let place = format!("{pointer}/{}", phase.replace('~', "~0").replace('/', "~1"));
+                let place = format!("{pointer}/{}", pointer_segment(phase));
                 FieldError::new(place, format!("is no phase of the mix: must be one of {}", quoted()))
             })
             .collect()

@@ -1,5 +1,6 @@
 //! In what two documents differ, for a person who must tell them apart.
 
+use packstone_engine::request::decode::pointer_segment;
 use serde_json::{Map, Value};
 
 /// More differences than this make another document.
@@ -29,8 +30,8 @@ fn find(pointer: &str, ours: &Value, theirs: &Value, names: &Names<'_>, found: &
             let fields = in_ours.keys().chain(in_theirs.keys().filter(|name| !in_ours.contains_key(*name)));
             for name in fields {
                 let of = |object: &Map<String, Value>| object.get(name).cloned().unwrap_or_default();
-                let escaped = name.replace('~', "~0").replace('/', "~1");
-                find(&format!("{pointer}/{escaped}"), &of(in_ours), &of(in_theirs), names, found);
+                let at = format!("{pointer}/{}", pointer_segment(name));
+                find(&at, &of(in_ours), &of(in_theirs), names, found);
             }
         }
         _ if ours != theirs => found.push(format!(

@@ -8,7 +8,7 @@ use std::num::NonZeroUsize;
 
 use jiff::Timestamp;
 use packstone_engine::export::ExportRequest;
-use packstone_engine::request::decode::{At, Bound, Faults, Object};
+use packstone_engine::request::decode::{At, Bound, Faults, Object, pointer_segment};
 use packstone_engine::request::{Distance, Materials, Method, Mix, OnLimit, Segregation, Specimen};
 use packstone_engine::{FieldError, Limits, PackingRequest};
 use serde::Serialize;
@@ -450,7 +450,7 @@ pub(crate) fn read_labels(at: &At<'_>, faults: &Faults) -> Option<BTreeMap<Strin
     }
     let mut labels = BTreeMap::new();
     for (key, value) in map {
-        let pointer = format!("{}/{}", at.pointer(), key.replace('~', "~0").replace('/', "~1"));
+        let pointer = format!("{}/{}", at.pointer(), pointer_segment(key));
         if let Some(text) = read_label(key, value, |detail| faults.add(pointer, detail)) {
             labels.insert(key.clone(), text);
         }

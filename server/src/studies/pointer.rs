@@ -3,6 +3,7 @@
 //! The document as a whole and the place after the end of an array (`-`) are refused, because no value can be put
 //! there.
 
+use packstone_engine::request::decode::pointer_segment;
 use serde_json::Value;
 
 /// Longest pointer, in characters.
@@ -13,11 +14,6 @@ const MAX_CHARS: usize = 250;
 pub(super) struct Pointer {
     text: String,
     segments: Vec<String>,
-}
-
-/// A text as one segment of a pointer.
-pub(super) fn escaped(text: &str) -> String {
-    text.replace('~', "~0").replace('/', "~1")
 }
 
 impl Pointer {
@@ -60,7 +56,7 @@ impl Pointer {
         let (last, parents) = self.segments.split_last().ok_or("the key names no field")?;
         let mut parent = String::new();
         for segment in parents {
-            parent = format!("{parent}/{}", escaped(segment));
+            parent = format!("{parent}/{}", pointer_segment(segment));
             at = child(at, segment).ok_or_else(|| {
                 format!("the template has no {parent}, so that nothing can be put into it: write it there")
             })?;
@@ -195,7 +191,7 @@ mod tests {
     proptest! {
         #[test]
         fn any_name_survives_its_escape(names in prop::collection::vec(any::<String>(), 1..4)) {
-            let segments: Vec<String> = names.iter().map(|name| escaped(name)).collect();
+            let segments: Vec<String> = names.iter().map(|name| pointer_segment(name)).collect();
             let text = format!("/{}", segments.join("/"));
             prop_assume!(text.chars().count() <= MAX_CHARS);
             let pointer = Pointer::parse(&text).unwrap();

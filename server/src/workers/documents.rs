@@ -2,7 +2,7 @@
 //!
 //! A server leases to its own build only, so that both sides are always of one version.
 
-use packstone_engine::request::decode::MAX_FAULTS;
+use packstone_engine::request::decode::{MAX_FAULTS, pointer_segment};
 use packstone_engine::{FieldError, Limits};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -59,7 +59,7 @@ fn pointer_of(path: &serde_path_to_error::Path) -> String {
     path.iter()
         .filter_map(|segment| match segment {
             Segment::Seq { index } => Some(format!("/{index}")),
-            Segment::Map { key } => Some(format!("/{}", key.replace('~', "~0").replace('/', "~1"))),
+            Segment::Map { key } => Some(format!("/{}", pointer_segment(key))),
             Segment::Enum { .. } | Segment::Unknown => None,
         })
         .collect()

@@ -3,13 +3,14 @@
 
 use crate::export::Model;
 use crate::packing::Grains;
+use crate::request::Material;
 
 /// The grains without the air voids; `None` where there are no voids.
 pub(super) fn without_voids(model: &Model<'_>) -> Option<Grains> {
     let (materials, provenance) = (model.materials?, model.provenance?);
     let is_void = |aggregate: u16| {
         let name = provenance.aggregates.get(usize::from(aggregate)).and_then(Option::as_deref);
-        materials.of_aggregate(name).and_then(|material| material.youngs_modulus_gpa) == Some(0.0)
+        materials.of_aggregate(name).is_some_and(Material::is_pore)
     };
     let aggregate = model.grains.aggregate();
     if !aggregate.iter().any(|&of| is_void(of)) {

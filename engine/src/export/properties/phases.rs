@@ -8,6 +8,7 @@ use crate::export::groups::AggregateGroups;
 use crate::export::materials::{PhaseMaterial, of_model, phases};
 use crate::export::{ExportError, Model};
 use crate::homogenization::ElasticPhase;
+use crate::request::decode::pointer_segment;
 use crate::request::materials::{AGGREGATE, MATRIX};
 use crate::request::{FieldError, Material, Materials};
 
@@ -43,16 +44,11 @@ pub(super) fn contrast(materials: Option<&Materials>) -> Option<f64> {
 /// A property that a kind needs of each phase.
 type Needed = (&'static str, fn(&Material) -> Option<f64>);
 
-/// Whether a pore: what is 0 for it is not asked for.
-fn is_pore(material: &Material) -> bool {
-    material.youngs_modulus_gpa == Some(0.0)
-}
-
 const MODULUS: Needed = ("youngs_modulus_gpa", |material| material.youngs_modulus_gpa);
 const RATIO: Needed =
-    ("poissons_ratio", |material| material.poissons_ratio.or(is_pore(material).then_some(0.0)));
+    ("poissons_ratio", |material| material.poissons_ratio.or(material.is_pore().then_some(0.0)));
 const EXPANSION: Needed =
-    ("expansion_1_k", |material| material.expansion_1_k.or(is_pore(material).then_some(0.0)));
+    ("expansion_1_k", |material| material.expansion_1_k.or(material.is_pore().then_some(0.0)));
 const CONDUCTIVITY: Needed = ("conductivity_w_m_k", |material| material.conductivity_w_m_k);
 const DIFFUSIVITY: Needed = ("diffusivity_m2_s", |material| material.diffusivity_m2_s);
 
@@ -97,7 +93,7 @@ fn kinds_of(
     for kind in kinds.iter() {
         for (name, of) in needed(kind, materials) {
             for (phase, _) in materials.iter().filter(|(_, material)| of(material).is_none()) {
-                let pointer = format!("/materials/{}/{name}", phase.replace('~', "~0").replace('/', "~1"));
+                let pointer = format!("/materials/{}/{name}", pointer_segment(phase));
                 if faults.iter().all(|fault: &FieldError| fault.pointer != pointer) {
                     faults.push(FieldError::new(
                         pointer,
