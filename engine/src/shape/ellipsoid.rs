@@ -169,14 +169,6 @@ impl Ellipsoid {
         self.semi_axes_mm.z / self.semi_axes_mm.x
     }
 
-    /// Principal moments of inertia about the centre in mm⁵, with a density of one per mm³: `V/5 (b² + c²)` about the
-    /// long axis, `V/5 (a² + c²)`, and `V/5 (a² + b²)` about the short axis.
-    #[must_use]
-    pub fn inertia_mm5(&self) -> Vector3<f64> {
-        let squares = self.semi_axes_mm.component_mul(&self.semi_axes_mm);
-        self.volume_mm3() / 5.0 * (Vector3::repeat(squares.sum()) - squares)
-    }
-
     /// The shape matrix `A = R diag(a², b², c²) Rᵀ` in mm²: the support function along `n` is `sqrt(n · A n)`.
     #[must_use]
     pub fn matrix_mm2(&self, pose: &Pose) -> Matrix3<f64> {

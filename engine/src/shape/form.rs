@@ -3,7 +3,6 @@
 use serde::Serialize;
 
 use super::{Ellipsoid, exceeds};
-use crate::elementary::cbrt;
 use crate::sorting;
 
 /// Boundary between the classes of Zingg.
@@ -28,13 +27,6 @@ impl Form {
         sorting::descending(&mut axes);
         let [a, b, c] = axes;
         Self { elongation: b / a, flatness: c / b }
-    }
-
-    /// `d_eq / D_s` of an ellipsoid: equivalent diameter over sieve size.
-    #[must_use]
-    pub fn equivalent_over_sieve(&self) -> f64 {
-        let Self { elongation, flatness } = *self;
-        2.0 * cbrt(flatness / elongation) / (2.0 * (1.0 + flatness * flatness)).sqrt()
     }
 
     /// `(d_eq / D_s)³` of an ellipsoid: its volume over that of a sphere that passes the same sieve.
