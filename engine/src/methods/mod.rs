@@ -19,6 +19,7 @@ mod image_names;
 #[allow(clippy::unwrap_used)]
 mod long_grains_tests;
 pub mod monte_carlo;
+mod morton;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod polyhedra_tests;

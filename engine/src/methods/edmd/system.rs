@@ -19,6 +19,7 @@ use super::skin;
 use crate::arrays::{self, Each as _};
 use crate::cpu::{Cpu, prefetch};
 use crate::memory::{OutOfMemory, collected, copied, filled};
+use crate::methods::morton;
 use crate::rng::uniform;
 use crate::threads::share;
 
@@ -349,13 +350,12 @@ impl System {
         self.forget_lists();
         let size = self.container.bounds_mm();
         let longest = size.into_iter().fold(0.0, f64::max);
-        let place = |hot: &Hot| morton(self.container.wrap(hot.position).each(|x| x / longest));
-        let mut order = collected(self.hot.iter().enumerate().map(|(i, hot)| (place(hot), i as u32)))?;
-        order.sort_unstable();
-        self.hot = collected(order.iter().map(|&(_, i)| self.hot[i as usize]))?;
-        self.cold = collected(order.iter().map(|&(_, i)| self.cold[i as usize]))?;
-        self.mass = collected(order.iter().map(|&(_, i)| self.mass[i as usize]))?;
-        self.rank = collected(order.iter().map(|&(_, i)| self.rank[i as usize]))?;
+        let relative = |hot: &Hot| self.container.wrap(hot.position).each(|x| x / longest);
+        let order = morton::order(self.hot.iter().map(relative))?;
+        self.hot = collected(order.iter().map(|&i| self.hot[i as usize]))?;
+        self.cold = collected(order.iter().map(|&i| self.cold[i as usize]))?;
+        self.mass = collected(order.iter().map(|&i| self.mass[i as usize]))?;
+        self.rank = collected(order.iter().map(|&i| self.rank[i as usize]))?;
         Ok(())
     }
 
@@ -390,18 +390,6 @@ fn center_sphere(
     cold.cutoff = radius + cold.skin;
     cold.center = hot.position;
     cold.walls = container.walls_within(cold.center, contact + cold.skin) as u8;
-}
-
-/// Position on a Morton curve of 2^30 places, of a point in the unit cube.
-fn morton(p: [f64; 3]) -> u32 {
-    let mut key = 0;
-    for (axis, x) in p.into_iter().enumerate() {
-        let place = ((x * 1024.0) as u32).min(1023);
-        for bit in 0..10 {
-            key |= (place >> bit & 1) << (3 * bit + axis as u32);
-        }
-    }
-    key
 }
 
 /// The entry under which a grain stands in the list of the one that an entry of its own names.

@@ -19,6 +19,7 @@ use crate::gap::linear::{Vector, dot};
 use crate::geometry::images::Images;
 use crate::memory::{Blocks, OutOfMemory, collected, reserved};
 use crate::methods::image_names::ImageNames;
+use crate::methods::morton;
 use crate::shape::Pose;
 
 /// What a pair test reads of a grain.
@@ -63,7 +64,7 @@ impl List {
 
     const ALL: u32 = (1 << Self::MARKS) - 1;
 
-    /// Makes it a list of so many groups. What is marked stays.
+    /// Makes it a list of `count` groups. What is marked stays.
     pub(super) fn set_groups(&mut self, first: usize, count: usize) {
         debug_assert!(count < 1 << (u32::BITS - Self::MARKS));
         self.first = first as u32;
@@ -260,7 +261,8 @@ impl<S: ConvexShape> System<S> {
         shapes: &[S],
         poses: Vec<Pose>,
     ) -> Result<Self, OutOfMemory> {
-        let rank = along_a_curve(&poses, domain.bounds_mm)?;
+        let relative = |pose: &Pose| [0, 1, 2].each(|axis| pose.center_mm[axis] / domain.bounds_mm[axis]);
+        let rank = morton::order(poses.iter().map(relative))?;
         let mut cold: Vec<Cold<S>> = reserved(shapes.len())?;
         for &rank in &rank {
             let (shape, pose) = (&shapes[rank as usize], &poses[rank as usize]);
@@ -332,7 +334,7 @@ impl<S: ConvexShape> System<S> {
     /// `shrink`.
     ///
     /// # Errors
-    /// When the system refuses memory, or the grains are more than can be named beside so many images.
+    /// When the system refuses memory, or the grains are more than can be named beside their images.
     pub(super) fn name_images(&mut self, reach: f64, shrink: f64) -> Result<(), OutOfMemory> {
         let reach = reach * shrink / self.frame.stretch;
         self.frame.names = ImageNames::new(&self.frame.images, reach)?;
@@ -457,27 +459,6 @@ fn turned(q: Orientation, by: Vector) -> Orientation {
     ];
     let inverse = 1.0 / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]).sqrt();
     p.each(|c| c * inverse)
-}
-
-/// The order of the grains along a curve through the specimen, so that neighbours are neighbours in memory.
-fn along_a_curve(poses: &[Pose], bounds: Vector) -> Result<Vec<u32>, OutOfMemory> {
-    let code = |pose: &Pose| {
-        let mut code = 0_u64;
-        for (axis, length) in bounds.into_iter().enumerate() {
-            let cell = (pose.center_mm[axis] / length * 1024.0).clamp(0.0, 1023.0) as u64;
-            for bit in 0..10 {
-                code |= (cell >> bit & 1) << (3 * bit + axis);
-            }
-        }
-        code
-    };
-    // First what stays.
-    let mut order = reserved(poses.len())?;
-    let mut keyed: Vec<(u64, u32)> = reserved(poses.len())?;
-    keyed.extend(poses.iter().enumerate().map(|(rank, pose)| (code(pose), rank as u32)));
-    keyed.sort_unstable();
-    order.extend(keyed.iter().map(|(_, rank)| *rank));
-    Ok(order)
 }
 
 #[cfg(test)]
