@@ -16,7 +16,7 @@ fn may_start_one() -> bool {
     probe(BYTES_TO_START).is_ok()
 }
 
-/// Does the work of every piece on so many threads, the caller's among them. What a piece becomes must depend on the
+/// Does the work of every piece on several threads, the caller's among them. What a piece becomes must depend on the
 /// piece and its number alone; then nothing depends on the threads. Where the system refuses a thread, or has too
 /// little memory for one, the others do its work.
 pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl Fn(usize, &mut T) + Sync) {
@@ -38,7 +38,7 @@ pub(crate) fn share<T: Send>(threads: NonZeroUsize, pieces: &mut [T], work: impl
     });
 }
 
-/// Starts so many threads for the same work, or as many as the system has room for.
+/// Starts threads for the same work, the number asked for or as many as the system has room for.
 pub(crate) fn start<'scope>(
     scope: &'scope Scope<'scope, '_>,
     threads: usize,

@@ -211,7 +211,7 @@ fn judge(
     }
 }
 
-/// Checks a packing of any kind of grains against its request, on so many threads, with the sieve sizes of templates
+/// Checks a packing of any kind of grains against its request, on several threads, with the sieve sizes of templates
 /// that earlier checks have proven. What is found does not depend on these or the threads. Gaps are checked at the
 /// sizes that the grains have; that these are those of the mix, by its extent.
 ///

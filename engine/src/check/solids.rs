@@ -123,7 +123,7 @@ pub fn certify_shapes(
     certificates(shapes, poses, region, closer_than_mm, &Walk { threads: NonZeroUsize::MIN, control })
 }
 
-/// Checks on so many threads that grains keep the gaps of a rule, and returns a direction for each pair, and for each
+/// Checks on several threads that grains keep the gaps of a rule, and returns a direction for each pair, and for each
 /// grain and wall, whose gap is less than `closer_than_mm`, in the order of the rows. Directions of spheres are those
 /// of ellipsoids with equal axes.
 ///

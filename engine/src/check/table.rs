@@ -93,7 +93,7 @@ impl<G: Fn(f64, f64) -> f64> Table<G> {
         self.octaves.iter().map(|octave| octave.grains.len()).sum()
     }
 
-    /// The pieces of a walk over all pairs, with so many grains at most.
+    /// The pieces of a walk over all pairs, with `grains` grains at most.
     pub(super) fn pieces(&self, grains: usize) -> impl Iterator<Item = Piece> + Clone {
         let octaves = self.octaves.iter().map(|octave| octave.grains.len()).enumerate();
         let number = self.octaves.len();

@@ -117,7 +117,7 @@ pub(super) fn push_exact(text: &mut Vec<u8>, x: f64) {
     text.extend_from_slice(zmij::Buffer::new().format_finite(x + 0.0).as_bytes());
 }
 
-/// A number with so many decimals; what rounds to zero has no sign.
+/// A number with this number of decimals; what rounds to zero has no sign.
 pub(super) fn fixed(x: f64, decimals: usize) -> String {
     let text = format!("{x:.decimals$}");
     match text.strip_prefix('-') {

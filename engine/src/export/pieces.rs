@@ -10,7 +10,7 @@ use crate::threads::start;
 /// Slots for each thread: of one piece under way and of one that waits to be taken.
 pub(super) const SLOTS_PER_THREAD: usize = 2;
 
-/// Slots for so many threads, and for no more than there are pieces.
+/// Slots for that number of threads, and for no more than there are pieces.
 pub(super) fn slots<S>(threads: NonZeroUsize, pieces: usize, slot: impl FnMut() -> S) -> Vec<S> {
     iter::repeat_with(slot).take(SLOTS_PER_THREAD * threads.get().min(pieces)).collect()
 }
@@ -114,7 +114,7 @@ impl<S, E> Drop for EndOnDrop<'_, '_, S, E> {
     }
 }
 
-/// Makes so many pieces on one thread for every [`SLOTS_PER_THREAD`] slots, the caller's among them, and takes them in
+/// Makes pieces on one thread for every [`SLOTS_PER_THREAD`] slots, the caller's among them, and takes them in
 /// order on the caller's. What is made must depend on the number of the piece alone; then what is taken does not depend
 /// on the threads. Where the system refuses a thread, or has too little memory for one, the others do its work.
 ///

@@ -16,7 +16,7 @@ pub(super) struct Steps<'a> {
 }
 
 impl Steps<'_> {
-    /// Reports that so many steps are done.
+    /// Reports that `done` steps are done.
     pub(super) fn report(&self, done: usize) {
         let counted = Progress::counted(Step::Export, done, self.total, self.unit, self.message);
         let fraction = if self.total == 0 { 1.0 } else { counted.fraction.min(1.0) };

@@ -125,7 +125,7 @@ pub trait Turned: Copy + Debug + Send + Sync {
     fn first_direction(&self, other: &Self, r: Vector) -> Vector;
 
     /// Where the two, which are too close along a unit vector, push each other. A polyhedron looks for a better
-    /// direction so many times.
+    /// direction `turns` times.
     fn contact(&self, other: &Self, r: Vector, gap_mm: f64, normal: Vector, turns: u32) -> PushContact;
 
     /// With the centre at this offset from an axis along z: the distance of the farthest point from the axis in mm, and

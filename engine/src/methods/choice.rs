@@ -15,7 +15,7 @@ pub(crate) const MOST_DRAWS: u32 = 1000;
 /// A place is taken at once with the probability that its weight, which is at most 1, says: that is the law of the
 /// weights itself. Where wanted places are rare none may be taken in time, and the choice is among all offered:
 /// each gets the logarithm of its weight and a number of Gumbel's distribution, and the largest sum is chosen, which
-/// has their law as far as so many can have it (Gumbel 1954). Neither needs the places to be kept.
+/// has their law as far as that number of places can have it (Gumbel 1954). Neither needs the places to be kept.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Choice<T> {
     chosen: Option<T>,

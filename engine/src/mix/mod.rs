@@ -280,7 +280,7 @@ fn expected_volume_mm3(size_mm: f64, shapes: Option<&ShapeSampler>) -> f64 {
 }
 
 /// A list from the coarsest down as diameters with numbers from fine to coarse: grains within a
-/// [`LIST_SIZES`]th of the range, on a logarithmic scale, as so many of their mean volume.
+/// [`LIST_SIZES`]th of the range, on a logarithmic scale, each as one grain of their mean volume.
 fn sizes_of_list(list: &[f64]) -> Vec<(f64, f64)> {
     let (Some(&largest), Some(&least)) = (list.first(), list.last()) else { return Vec::new() };
     let step = (ln(largest / least) / LIST_SIZES).max(f64::MIN_POSITIVE);

@@ -76,7 +76,7 @@ pub fn sample(
 /// volume of its grain in mm³.
 ///
 /// In each class grains are drawn until its volume is reached, and the overshoot of the last one is taken from the next
-/// class. Where the mix counts its grains, a class has its number of them, one from each of so many equal parts of its
+/// class. Where the mix counts its grains, a class has its number of them, one from each of as many equal parts of its
 /// number distribution.
 fn draw_part(
     mix: &GradedMix,

@@ -54,7 +54,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// The extent of a packing of so many grains.
+    /// The extent of a packing of `grains` grains.
     pub(super) fn extent(&self, grains: usize) -> Extent {
         Extent { size_scale: self.size_scale, has_all_grains: grains as u64 == self.grains_requested }
     }

@@ -238,7 +238,7 @@ fn side_gap_mm(radius: f64, bodies: &Bodies<'_>) -> f64 {
     (0..bodies.len()).map(|row| bodies.side_gap(row, radius)).fold(f64::INFINITY, f64::min)
 }
 
-/// How far from the axis the vertices of a lateral surface of so many columns lie: such that the polygon has the area
+/// How far from the axis the vertices of a lateral surface of `columns` columns lie: such that the polygon has the area
 /// of the circle, and no chord comes closer to a grain than half of what lay between.
 fn vertex_radius(radius: f64, columns: f64, gap_mm: f64) -> f64 {
     let angle = TAU / columns;

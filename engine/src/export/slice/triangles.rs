@@ -161,7 +161,7 @@ impl TriangleOptions {
         }
     }
 
-    /// Length of the file of a cut with so many sections.
+    /// Length of the file of a cut with this number of sections.
     pub(super) fn expected_bytes(&self, size_mm: [f64; 2], sections: f64) -> u64 {
         let [u_mm, v_mm] = [[0.0, size_mm[0]], [0.0, size_mm[1]]];
         let sizes = self.sizes(&Outline::Rectangle { u_mm, v_mm });

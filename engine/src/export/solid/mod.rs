@@ -177,13 +177,14 @@ impl SolidMesh {
         vtu::write(self, fields, provenance, control, out)
     }
 
-    /// Longest length of the file that [`write_inp`](Self::write_inp) writes for so many nodes and elements, within a
-    /// tenth.
+    /// Longest length of the file that [`write_inp`](Self::write_inp) writes for these numbers of nodes and elements,
+    /// within a tenth.
     pub fn inp_bytes(kind: ElementKind, nodes: u64, elements: u64) -> u64 {
         inp::bytes(kind, nodes, elements)
     }
 
-    /// Length of the file that [`write_vtu`](Self::write_vtu) writes for so many nodes and elements, without its head.
+    /// Length of the file that [`write_vtu`](Self::write_vtu) writes for these numbers of nodes and elements, without
+    /// its head.
     pub fn vtu_bytes(kind: ElementKind, nodes: u64, elements: u64) -> u64 {
         vtu::bytes(kind, nodes, elements)
     }

@@ -125,7 +125,7 @@ pub(super) fn write_xml(head: &Head, grains: &dyn GrainSource, out: &mut dyn Wri
     })
 }
 
-/// A file of so many points, vertices and polygons that states where it comes from.
+/// A file of these numbers of points, vertices and polygons that states where it comes from.
 pub(super) fn provenance_file<'a>(head: &Head, [points, vertices, polygons]: [usize; 3]) -> VtkXml<'a> {
     let counts = [
         ("NumberOfPoints", points),

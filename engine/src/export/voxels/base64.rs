@@ -19,7 +19,7 @@ const fn pairs() -> [[u8; 2]; 1 << 12] {
 /// Bytes that are encoded at a time, a multiple of three.
 const BLOCK_BYTES: usize = 3 << 14;
 
-/// Characters of so many bytes.
+/// Number of characters of a number of bytes.
 pub(super) fn length(bytes: u64) -> u64 {
     bytes.div_ceil(3).saturating_mul(4)
 }

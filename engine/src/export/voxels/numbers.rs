@@ -29,7 +29,7 @@ impl Numbers {
         }
     }
 
-    /// Those of a packing of so many grains.
+    /// Those of a packing of `grains` grains.
     pub(super) fn new(options: &VoxelOptions, groups: &AggregateGroups<'_>, grains: usize) -> Self {
         let plain = Self::plain(options.label, groups);
         let Some(reader) = options.reader else { return plain };

@@ -119,7 +119,7 @@ impl Work<'_> {
         }
     }
 
-    /// Writes numbers of so many bytes, and counts those of the aggregates.
+    /// Writes numbers of `BYTES` bytes, and counts those of the aggregates.
     fn labels_as<const BYTES: usize>(
         &self,
         numbers: &Numbers,
@@ -229,7 +229,7 @@ pub(super) struct Text<'a> {
 }
 
 impl<'a> Text<'a> {
-    /// Text in so many pieces at a time.
+    /// Text in that number of pieces at a time.
     pub(super) fn new(work: &'a Work<'a>, pieces: usize, out: &'a mut dyn Write) -> Self {
         Self { work, out, slots: slots(work.threads, pieces, Vec::new) }
     }

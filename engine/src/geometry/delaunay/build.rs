@@ -20,7 +20,7 @@ const STRIDE: usize = 1024;
 pub(super) const SHARE: f64 = 0.7;
 /// Slots of tetrahedra a point, with some to spare: in space 6.8 and few ghosts.
 const SLOTS_PER_POINT: usize = 7;
-/// Slots that so many points take between two looks, with some to spare.
+/// Slots that the points between two looks take, with some to spare.
 const SLOTS_PER_STRIDE: usize = 16 * STRIDE;
 /// Cavities with no more nodes than this are joined by a table of pairs of nodes.
 const MOST_IN_TABLE: usize = 256;

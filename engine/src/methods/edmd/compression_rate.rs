@@ -50,7 +50,7 @@ pub(crate) struct CompressionRate {
 }
 
 impl CompressionRate {
-    /// The rate of so many grains towards a target, `loose` while they are loose.
+    /// The rate of `grains` grains towards a target, `loose` while they are loose.
     pub(crate) fn new(loose: f64, grains: usize) -> Self {
         Self { loose, most: loose, slow: SLOW * few(grains) }
     }

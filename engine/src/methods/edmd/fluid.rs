@@ -89,7 +89,7 @@ impl Fluid {
         fluid
     }
 
-    /// Lets at most so many threads share the work. Nothing else depends on their number.
+    /// Sets the largest number of threads that share the work. Nothing else depends on it.
     #[must_use]
     pub fn with_threads(mut self, threads: NonZeroUsize) -> Self {
         self.system.threads = threads;
@@ -124,7 +124,7 @@ impl Fluid {
         reached
     }
 
-    /// Lets so many collisions happen, and measures.
+    /// Lets a number of collisions happen, and measures.
     ///
     /// # Panics
     /// When the system refuses memory.

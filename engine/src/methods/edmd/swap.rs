@@ -17,7 +17,7 @@ use crate::rng::uniform;
 /// The logarithm of a ratio of weights, of a larger and a smaller grain by rank and their places.
 pub(crate) type LogRatio<'a> = &'a dyn Fn([usize; 2], [[f64; 3]; 2]) -> f64;
 
-/// Tries so many swaps in a system whose lists were just rebuilt. `sizes` are contact radii by rank, falling, in any
+/// Tries swaps in a system whose lists were just rebuilt. `sizes` are contact radii by rank, falling, in any
 /// unit; grains that are held have no rank and stay. `log_ratio` is what the logarithm of the weight of a larger and a
 /// smaller grain, by rank, gains if they change their places, which are given. Swaps are then as Metropolis and others
 /// (1953) have it: those that lose happen the more rarely the more they do, so that a gradient is kept and not
@@ -47,7 +47,7 @@ pub(crate) fn sweep(
     Ok(())
 }
 
-/// Tries so many pairs; returns how many had different sizes, and how many of these were swapped.
+/// Tries pairs; returns how many had different sizes, and how many of these were swapped.
 #[inline(always)]
 fn try_pairs(
     pairs: &mut SwapPairs,

@@ -49,7 +49,7 @@ impl Decoder<'_> {
         if value.is_finite() { Ok(value) } else { Err(io::ErrorKind::InvalidData.into()) }
     }
 
-    /// A count of things of so many bytes, no more than there can be.
+    /// A count of things of `bytes_each` bytes, no more than there can be.
     fn count(&mut self, bytes_each: usize) -> io::Result<usize> {
         let count = self.u64()?;
         if count > (self.0.len() / bytes_each) as u64 {

@@ -40,12 +40,12 @@ pub(super) struct Halves {
 }
 
 impl Halves {
-    /// A tree of ranges of so many sites, no matter where they are.
+    /// A tree of ranges of sites, no matter where they are.
     pub(super) fn new(sites: usize) -> Self {
         Self::with_least(sites, LEAST_GRAINS)
     }
 
-    /// The same with at least so many grains in a leaf.
+    /// The same with at least `least` grains in a leaf.
     pub(super) fn with_least(sites: usize, least: usize) -> Self {
         let halvings = (sites / least).checked_ilog2().unwrap_or(0).min(MOST_HALVINGS);
         Self {
@@ -168,7 +168,7 @@ impl Grains<'_> {
     }
 }
 
-/// Works on the grains of every range, on so many threads: on those of both halves of a range before those of the range
+/// Works on the grains of every range, on several threads: on those of both halves of a range before those of the range
 /// itself. `work` gets the part of the system that it may read and write, and the number of the range; what it returns
 /// is added up in the order of the ranges.
 pub(super) fn descend<S: ConvexShape, R: Default + Send>(

@@ -31,7 +31,7 @@ pub(super) struct SwapGrains<'a> {
     pub(super) preference: Option<&'a Preference>,
 }
 
-/// Tries so many swaps per grain: everywhere, or where the specimen is cut among the grains of each range. With a
+/// Tries swaps, by a number per grain: everywhere, or where the specimen is cut among the grains of each range. With a
 /// preference they are as Metropolis and others (1953) have it: those that go against it happen the more rarely the
 /// more they do, so that a gradient is kept and not levelled.
 ///
@@ -97,7 +97,7 @@ impl SwapCounts {
     }
 }
 
-/// Tries so many pairs.
+/// Tries pairs.
 fn try_pairs<S: ConvexShape>(
     pairs: &mut SwapPairs,
     grains: &SwapGrains<'_>,

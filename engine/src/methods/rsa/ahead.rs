@@ -62,7 +62,7 @@ pub(super) struct Ahead {
 }
 
 impl Ahead {
-    /// Draws so many points for grains from the largest part to the least.
+    /// Draws `points` points for grains from the largest part to the least.
     ///
     /// # Errors
     /// When the system refuses memory.

@@ -80,7 +80,7 @@ pub(super) enum Level {
 }
 
 impl Level {
-    /// The level of so many cells, without a voxel.
+    /// The level of `cells` cells, without a voxel.
     pub(super) fn new(level: usize, cells: usize) -> Self {
         if level > MAX_SHORT_LEVEL {
             Self::Long(Vec::new())
@@ -230,7 +230,7 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    /// Empties it, for so many bins.
+    /// Empties it, for a new number of bins.
     ///
     /// # Errors
     /// When the system refuses memory.
@@ -297,7 +297,7 @@ impl Waiting {
     }
 }
 
-/// Makes room for so many more elements of a heap; says whether there is, or else notes the refusal.
+/// Makes room for `more` further elements of a heap; says whether there is, or else notes the refusal.
 #[inline]
 fn make_room_in<T: Ord>(heap: &mut BinaryHeap<T>, more: usize, refused: &mut Option<OutOfMemory>) -> bool {
     let reserved_ok = heap.try_reserve(more).is_ok();

@@ -54,7 +54,7 @@ const DRAWS_PER_LOOK: u64 = 2000;
 const STAGE_RATIO: f64 = 1.1;
 const LOOSE_RATIO: f64 = 1.4;
 const LOOSE: u64 = 20;
-/// A stage ends when it has inserted as many grains as there were, but not before so many.
+/// A stage ends when it has inserted as many grains as there were, but not before this number.
 const LEAST_STAGE: usize = 400;
 /// Draws per grain of a stage beyond which the next one begins with smaller voxels, and the levels of subdivision.
 const CROWDED: u64 = 50;

@@ -193,7 +193,7 @@ pub(super) fn write(
     Ok(filled.report)
 }
 
-/// Says how many tetrahedra surfaces of so many triangles are filled with, and how long the file is.
+/// Says how many tetrahedra surfaces of these triangles are filled with, and how long the file is.
 pub(super) fn estimated(
     triangles: u64,
     specimen: &Specimen,

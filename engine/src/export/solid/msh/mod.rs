@@ -66,7 +66,7 @@ impl Bodies {
         }
     }
 
-    /// The kind of elements with so many nodes.
+    /// The kind of elements with this number of nodes.
     fn kind(self, nodes: usize) -> Option<ElementKind> {
         match (self, nodes) {
             (Self::Tetrahedra, 4) => Some(ElementKind::Tetrahedron4),

@@ -37,7 +37,7 @@ const SWEEPS_PER_CYCLE: u64 = 5;
 const LEAST_MOVES: u64 = 2000;
 /// Swaps tried per grain in a cycle.
 const SWAPS_PER_GRAIN: f64 = 3.0;
-/// In one of so many cycles grains change places everywhere, where the specimen is cut into ranges.
+/// In one of this number of cycles grains are swapped everywhere, where the specimen is cut into ranges.
 const CYCLES_PER_SWAPS_EVERYWHERE: u64 = 16;
 /// Relative difference of sizes that swaps start with.
 const FIRST_SWAP_WINDOW: f64 = 0.05;
