@@ -38,8 +38,14 @@ def rows():
         is_shaped = "shape" in record["request"]["mix"]
         names = ["shapes-rsa", "moves"] if is_shaped else ["rsa", "events"]
         for method, what in zip(["rsa", "growth"], names):
-            if record[method] and record[method][1] - record[method][0] < 0.016:
+            if record[method] and record[method][1] - record[method][0] < 0.016 and not is_cut(record, record[method]):
                 yield dict(what=what, request=record["request"], reach=sum(record[method]) / 2)
+
+
+def is_cut(record, bracket):
+    """Whether the time of a run, and not the grains, ended a run at the upper end of a bracket."""
+    ends = [run["end"] for run in record["runs"] if run["filled"] == bracket[1] and run["purpose"] == "reach"]
+    return "cut" in ends
 
 
 def from_coarse(values):

@@ -163,6 +163,7 @@ class MethodEstimate(TypedDict):
     """What one method is likely to do with a mix."""
 
     success_probability: float
+    operations: float
     time_s: float
     volume_fraction_with_coating_reach: float
 

@@ -24,6 +24,7 @@ const LAYERS: &[&[&str]] = &[
         "memory_budget",
         "open_files",
         "planning",
+        "processor",
         "programs",
         "remaining_time",
         "tasks",

@@ -40,6 +40,7 @@ mod places;
 mod planning;
 mod plots;
 mod problem;
+mod processor;
 mod programs;
 mod remaining_time;
 mod service;

@@ -35,18 +35,21 @@ type Key = [u8; 32];
 pub(crate) struct Planner {
     plans: Mutex<Cache<Arc<Plan>>>,
     templates: Arc<TemplateCache>,
+    /// Speed of the processor whose times plans tell.
+    speed: f64,
 }
 
 impl Default for Planner {
     fn default() -> Self {
-        Self::new(Arc::default())
+        Self::new(Arc::default(), 1.0)
     }
 }
 
 impl Planner {
-    /// A planner with the templates that others use.
-    pub(crate) fn new(templates: Arc<TemplateCache>) -> Self {
-        Self { plans: Mutex::new(Cache::new(PLAN_BYTES)), templates }
+    /// A planner with the templates that others use, of times on a processor of this speed over that of a core of
+    /// 2 GHz.
+    pub(crate) fn new(templates: Arc<TemplateCache>, speed: f64) -> Self {
+        Self { plans: Mutex::new(Cache::new(PLAN_BYTES)), templates, speed }
     }
 
     /// Grains of the shape in an object.
@@ -71,7 +74,7 @@ impl Planner {
         if let Some(plan) = key.and_then(|key| locked(&self.plans).get(&key)) {
             return Ok(Plan::clone(&plan));
         }
-        let mut plan = self.templates.plan(request, limits)?;
+        let mut plan = self.templates.plan(request, limits)?.at_speed(request, self.speed);
         if proposal == Proposal::Made {
             plan = plan.with_proposal(&self.with_templates(request));
         }

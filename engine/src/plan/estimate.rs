@@ -6,10 +6,11 @@ use serde::Serialize;
 
 use super::grains;
 use super::model::{self, Features, LIKELY, STALL_EVENTS, bisect};
-use super::shapes;
+use super::{UNLIKELY, shapes};
 use crate::distance::DistanceRule;
 use crate::elementary::log10;
 use crate::methods::edmd::Expected;
+use crate::methods::rsa_shapes::MOST_DRAWS;
 use crate::mix::{GradedMix, MeanForm};
 use crate::request::{
     Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
@@ -25,9 +26,13 @@ pub struct MethodEstimate {
     /// Probability that it reaches its target within the limits of the request.
     #[cfg_attr(feature = "openapi", schema(minimum = 0, maximum = 1))]
     pub success_probability: f64,
-    /// CPU time on a core of about 2 GHz, whether it succeeds or not.
+    /// Work in operations, whether it succeeds or not: the same on every machine. An operation takes as long as an
+    /// event of growth by events of few grains, 0.56 us on a core of 2 GHz.
+    pub operations: f64,
+    /// CPU time of this work, at most the limit of time of the request.
     pub time_s: f64,
-    /// Volume fraction of the grains, coating included, up to which it succeeds with a probability of 0.9.
+    /// Volume fraction of the grains, coating included, that nine of ten runs are expected to reach. This forecast has
+    /// an error of its own, which `success_probability` allows for and a proposal too.
     pub volume_fraction_with_coating_reach: f64,
 }
 
@@ -42,9 +47,16 @@ pub struct MethodEstimates {
 }
 
 impl MethodEstimates {
-    /// Whether `auto` places at random first: that will do, and is done sooner.
+    /// Whether `auto` places at random first: that will do, and takes less work.
     pub(super) fn places_first(&self) -> bool {
-        self.rsa.success_probability >= LIKELY && self.rsa.time_s <= self.growth.time_s
+        self.rsa.success_probability >= LIKELY && self.rsa.operations <= self.growth.operations
+    }
+
+    /// Sets the times on a processor of this speed over that of a core of 2 GHz, with a limit for growth.
+    pub(super) fn set_times(&mut self, speed: f64, most_growth_s: f64) {
+        let time_s = |of: &MethodEstimate| of.operations * model::OPERATION_S / speed;
+        self.rsa.time_s = time_s(&self.rsa);
+        self.growth.time_s = time_s(&self.growth).min(most_growth_s);
     }
 }
 
@@ -77,8 +89,8 @@ pub(super) struct Case<'a> {
     form: MeanForm,
     /// Whether the grains grow until they jam, in place of to their size.
     to_jamming: bool,
-    /// What is known of growth by moves, which the grains grow by; `None` where they grow by events.
-    by_moves: Option<&'static shapes::Known>,
+    /// Whether the grains grow by moves, where they grow; else by events.
+    by_moves: bool,
 }
 
 impl<'a> Case<'a> {
@@ -96,8 +108,7 @@ impl<'a> Case<'a> {
             features: features(request, mix, form, factor, offset),
             form,
             to_jamming: false,
-            by_moves: (GrowthBy::of(&request.method, mix.shapes.is_some()) == GrowthBy::Moves)
-                .then(|| shapes::known(mix.kind())),
+            by_moves: GrowthBy::of(&request.method, mix.shapes.is_some()) == GrowthBy::Moves,
         }
     }
 
@@ -131,27 +142,42 @@ impl<'a> Case<'a> {
         };
         let options = self.options_of_events();
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
+        let of_s = |seconds: f64| seconds / model::OPERATION_S;
         let maximize = self.is_without_target();
-        let reach = features.rsa_reach(attempts);
+        let success_probability = if maximize { 0.0 } else { features.rsa_success(filled, attempts) };
         let rsa = MethodEstimate {
             // It grows nothing, so it has no largest distance.
-            success_probability: if maximize { 0.0 } else { features.rsa_success(filled, attempts) },
-            time_s: if self.mix.shapes.is_none() {
+            success_probability,
+            operations: of_s(if self.mix.shapes.is_none() {
                 features.rsa_time_s(filled, grains, attempts)
             } else {
                 let share = filled / features.rsa_limit(attempts);
-                shapes::random_s(features.form(), self.form.angular, share, grains)
-            },
-            volume_fraction_with_coating_reach: reach,
+                // Voxels seldom prove that a grain with a shape has no place.
+                let last_draws = if success_probability < UNLIKELY {
+                    attempts.map_or(MOST_DRAWS, |attempts| attempts.min(MOST_DRAWS)) as f64
+                } else {
+                    0.0
+                };
+                let numbers = (grains, features.ending_share());
+                shapes::random_s(features.form(), self.form.angular, share, numbers, last_draws)
+            }),
+            time_s: 0.0,
+            volume_fraction_with_coating_reach: features.rsa_limit(attempts),
         };
-        let growth = match self.by_moves {
-            None => MethodEstimate {
+        let growth = if self.by_moves {
+            self.growth_by_moves()
+        } else {
+            MethodEstimate {
                 success_probability: features.growth_success(filled, grains, &options),
                 // The largest distance is looked for until growth stalls, or as long as it may.
-                time_s: features.growth_time_s(if maximize { 1.0 } else { filled }, grains, &options),
+                operations: of_s(features.growth_time_s(
+                    if maximize { 1.0 } else { filled },
+                    grains,
+                    options.stop.events,
+                )),
+                time_s: 0.0,
                 volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
-            },
-            Some(_) => self.growth_by_moves(),
+            }
         };
         let mut methods = MethodEstimates { rsa, growth };
         if grains < ONE && self.mix.shapes.is_none() && !maximize {
@@ -165,6 +191,7 @@ impl<'a> Case<'a> {
             // Whatever they reach is the target.
             methods.growth.success_probability = 1.0;
         }
+        methods.set_times(1.0, most_growth_s(self.request));
         methods
     }
 
@@ -174,34 +201,33 @@ impl<'a> Case<'a> {
         let limit = features.moves_limit(grains);
         let share = (!self.is_without_target()).then_some(self.filled / limit);
         let time_s = shapes::moves_s(features.form(), self.form.angular, share, grains);
-        let most_s =
-            self.request.method.growth().and_then(|options| options.stop.time_s).unwrap_or(f64::INFINITY);
-        let within = model::likely_within(time_s, most_s);
-        let reach = |filled: f64| features.moves_success(filled, grains) >= LIKELY;
+        let within = model::likely_within(time_s, most_growth_s(self.request));
         MethodEstimate {
             success_probability: within * features.moves_success(self.filled, grains),
-            time_s: time_s.min(most_s),
-            volume_fraction_with_coating_reach: bisect(0.0, 1.0, reach),
+            operations: time_s / model::OPERATION_S,
+            time_s: 0.0,
+            volume_fraction_with_coating_reach: limit,
         }
     }
 
     /// Volume fraction, coating included, at which growing grains are expected to jam.
     pub(super) fn at_jamming(&self) -> f64 {
-        match self.by_moves {
-            Some(_) => self.features.moves_jamming(self.grains),
-            None => self.features.jamming(self.grains),
+        if self.by_moves {
+            self.features.moves_jamming(self.grains)
+        } else {
+            self.features.jamming(self.grains)
         }
     }
 
     /// The options of growth by events. What moves are expected to take is known without limits alone.
     fn options_of_events(&self) -> GrowthOptions {
-        let options = self.request.method.growth().filter(|_| self.by_moves.is_none());
+        let options = self.request.method.growth().filter(|_| !self.by_moves);
         options.copied().unwrap_or_default()
     }
 
     /// Whether the grains grow by moves, where they grow.
     pub(super) fn grows_by_moves(&self) -> bool {
-        self.by_moves.is_some()
+        self.by_moves
     }
 
     /// What growth of spheres to the target is expected to take, at most the events of a stall.
@@ -234,15 +260,18 @@ impl<'a> Case<'a> {
         }
     }
 
-    pub(super) fn proposal(&self, of_request: &MethodEstimate) -> Proposal {
-        let by_rsa = matches!(self.request.method, Method::Rsa { .. });
-        let reach = of_request.volume_fraction_with_coating_reach;
+    pub(super) fn proposal(&self) -> Proposal {
         let requested = match self.request.mix.volume_fraction_of {
             VolumeFractionOf::AllAggregate => self.mix.volume_fraction_mixture,
             VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
         };
-        let volume_fraction =
-            self.mix.has_requested_volume().then(|| round(requested * reach / self.filled).min(1.0));
+        let volume_fraction = self.mix.has_requested_volume().then(|| {
+            // A sphere that fits has a place.
+            let is_certain = self.grains < ONE && self.mix.shapes.is_none();
+            let least = if is_certain { self.filled } else { 0.0 };
+            let likely = bisect(0.0, 1.0, |filled| self.is_likely(&self.features, filled)).max(least);
+            round(requested * likely / self.filled).min(1.0)
+        });
         let distance_mm = match self.request.distance {
             Distance::None { wall_gap_mm: None }
             | Distance::Constant { wall_gap_mm: None, .. }
@@ -250,7 +279,7 @@ impl<'a> Case<'a> {
                 if self.grains > ONE =>
             {
                 let most = self.mix.d_max_mm;
-                let reached = bisect(0.0, most, |mm| self.is_likely_at(mm, by_rsa));
+                let reached = bisect(0.0, most, |mm| self.is_likely_at(mm));
                 (reached > 0.0).then(|| round(reached))
             }
             _ => None,
@@ -259,17 +288,27 @@ impl<'a> Case<'a> {
     }
 
     /// Whether a constant distance is likely to be reached.
-    fn is_likely_at(&self, distance_mm: f64, by_rsa: bool) -> bool {
+    fn is_likely_at(&self, distance_mm: f64) -> bool {
         let features = features(self.request, self.mix, self.form, 1.0, distance_mm);
         let filled = self.mix.expected_coated_volume_mm3(1.0, distance_mm) / self.mix.specimen_volume_mm3;
+        self.is_likely(&features, filled)
+    }
+
+    /// Whether the method of the request is likely to reach a volume fraction, coating included.
+    fn is_likely(&self, features: &Features, filled: f64) -> bool {
+        let by_random = |attempts_per_grain| features.rsa_success(filled, attempts_per_grain) >= LIKELY;
+        let by_growth = || {
+            let probability = if self.by_moves {
+                features.moves_success(filled, self.grains)
+            } else {
+                features.growth_success(filled, self.grains, &self.options_of_events())
+            };
+            probability >= LIKELY
+        };
         match self.request.method {
-            Method::Rsa { attempts_per_grain } if by_rsa => {
-                features.rsa_success(filled, attempts_per_grain) >= LIKELY
-            }
-            _ => match self.by_moves {
-                Some(_) => features.moves_success(filled, self.grains) >= LIKELY,
-                None => features.growth_success(filled, self.grains, &self.options_of_events()) >= LIKELY,
-            },
+            Method::Rsa { attempts_per_grain } => by_random(attempts_per_grain),
+            Method::Auto {} => by_growth() || by_random(None),
+            _ => by_growth(),
         }
     }
 
@@ -279,8 +318,8 @@ impl<'a> Case<'a> {
         if matches!(self.request.distance, Distance::SmallerDiameter { .. }) {
             beyond.push("a distance by the smaller diameter, taken as that of the smallest grains".into());
         }
-        if let Some(known) = self.by_moves {
-            beyond.extend(known.extrapolation.map(String::from));
+        if self.by_moves {
+            beyond.extend(shapes::extrapolation(self.mix.kind()).map(String::from));
         }
         if let Method::Rsa { attempts_per_grain: Some(_) } = self.request.method {
             beyond.push("a number of attempts per grain".into());
@@ -295,6 +334,11 @@ impl<'a> Case<'a> {
         }
         beyond
     }
+}
+
+/// The time that a request gives growth, in s.
+pub(super) fn most_growth_s(request: &PackingRequest) -> f64 {
+    request.method.growth().and_then(|options| options.stop.time_s).unwrap_or(f64::INFINITY)
 }
 
 fn features(request: &PackingRequest, mix: &GradedMix, form: MeanForm, factor: f64, offset: f64) -> Features {

@@ -32,6 +32,7 @@ use crate::request::{
 pub(crate) use densest::Drawing;
 use estimate::{Case, ONE};
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
+use model::OPERATION_S;
 
 /// What a run may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +81,8 @@ pub struct Plan {
     pub volume_fraction_with_coating: f64,
     /// Memory that the run will use at its peak.
     pub memory_bytes: u64,
-    /// CPU time that the method of the request is likely to take, on a core of about 2 GHz.
+    /// CPU time that the method of the request is likely to take: on a core of 2 GHz, or on the processor of the
+    /// service or the command that made the plan.
     pub estimated_time_s: f64,
     /// Most threads that the run has work for; one where all of its work is sequential.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 64))]
@@ -158,8 +160,8 @@ const BEYOND_RANDOM: f64 = 1.12;
 /// above 0.5 mm with up to 2e6 grains, and equal spheres, each placed at random and grown
 /// (`docs/development/measurements-spheres.md`).
 mod cost {
-    /// Bytes of the program as such.
-    pub(super) const BYTES: f64 = 8.0e6;
+    /// Bytes of the program: of its 44 MB on the disk, what `packstone run` uses is in memory.
+    pub(super) const BYTES: f64 = 22.5e6;
     /// Bytes per grain in a loose specimen.
     pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
     /// Bytes per grain for the voxels of a crowded one, of equal grains and per spread: 270 bytes in all for equal
@@ -250,7 +252,15 @@ impl Plan {
                 let placed = if grows { case.growth().start_fraction.min(case.filled) } else { case.filled };
                 memory_bytes(grains, placed / features.rsa_limit(None), features.spread(), grows)
             }
-            shapes => (cost::BYTES + grains * shapes::bytes_per_grain(shapes.as_ref(), grows)) as u64,
+            shapes => {
+                let share = case.filled / case.features.moves_limit(grains);
+                let grown_to = grows.then_some(if densest.is_some() { 1.0 } else { share });
+                let random =
+                    (methods.rsa.operations * OPERATION_S, methods.rsa.success_probability < UNLIKELY);
+                let of_grains =
+                    shapes::bytes(shapes.as_ref(), grains, case.features.form(), grown_to, random);
+                (cost::BYTES + of_grains) as u64
+            }
         };
         check_limits(&case, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
@@ -288,6 +298,19 @@ impl Plan {
         })
     }
 
+    /// The plan of this request with the times of a processor of this speed over that of a core of 2 GHz. They are for
+    /// people and for the order of a queue: nothing about a packing follows from them.
+    #[must_use]
+    pub fn at_speed(mut self, request: &PackingRequest, speed: f64) -> Self {
+        self.methods.set_times(speed, estimate::most_growth_s(request));
+        self.estimated_time_s = match request.method {
+            Method::Rsa { .. } => self.methods.rsa.time_s,
+            Method::Auto {} if self.places_first => self.methods.rsa.time_s,
+            _ => self.methods.growth.time_s,
+        };
+        self
+    }
+
     /// Adds to the plan of this request what a dry run tells beside it: the proposal, the grading curve and the figures
     /// of the aggregate.
     #[must_use]
@@ -299,7 +322,7 @@ impl Plan {
         let mix = GradedMix::new(&request.mix, self.specimen_volume_mm3);
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
-        let mut proposal = case.proposal(&case.of_request(&self.methods));
+        let mut proposal = case.proposal();
         if densest.is_none() {
             let admits = |case: &Case<'_>, rule: &DistanceRule| {
                 check_largest(case.request, case.mix, rule).is_ok() && check_feasible(case).is_ok()

@@ -131,6 +131,8 @@ pub(crate) struct Features {
     fines: f64,
     /// Volume fraction that nine of ten runs of random sequential addition reach,
     random: f64,
+    /// share of the number of grains that are at least as large as those that end it,
+    ending_share: f64,
     /// and the standard deviation of single runs.
     random_runs: f64,
     /// Number of the grains.
@@ -159,12 +161,15 @@ impl Features {
         let volume = moment(&|d| d.powi(3));
         let mean = moment(&|d| d.powi(3) * ln(d)) / volume;
         let number = moment(&|_| 1.0);
+        let random::Reach { volume_fraction: random, ending_share } =
+            random::reach(grains, walls_per_mm, angular);
         let variance = moment(&|d| d.powi(3) * (ln(d) - mean).powi(2)) / volume;
         Self {
             random_close: random_close(sizes),
             spread: variance.sqrt(),
             fines: mean - ln(least),
-            random: random::reach(grains, walls_per_mm, angular),
+            random,
+            ending_share,
             random_runs: rsa::RUNS / number.max(1.0).sqrt(),
             grains: number,
             walls: walls_per_mm * volume / moment(&|d| d * d),
@@ -186,6 +191,11 @@ impl Features {
     /// Surface times mean width of the grains over those of spheres.
     pub(crate) fn form(&self) -> f64 {
         self.form
+    }
+
+    /// Share of the number of grains that are at least as large as those that end random addition.
+    pub(crate) fn ending_share(&self) -> f64 {
+        self.ending_share
     }
 
     /// Standard deviation of ln(d) by volume.
@@ -282,9 +292,9 @@ impl Features {
         normal(ln(allowed / needed) / growth::ERROR)
     }
 
-    /// Time of growth in s, to its end or its success.
-    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, options: &GrowthOptions) -> f64 {
-        let most = growth::STALL.min(Self::events_allowed(grains, options));
+    /// Time of growth in s, to its end or its success, within a limit of events.
+    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, most_events: Option<u64>) -> f64 {
+        let most = growth::STALL.min(most_events.map_or(f64::INFINITY, |events| events as f64 / grains));
         let events = self.events_per_grain(filled, grains).min(most);
         let placing_s = self.rsa_time_s(self.starts_from(filled), grains, None);
         placing_s + grains * (start_s(grains) + events * event_s(grains))
@@ -312,11 +322,6 @@ impl Features {
         let middle = self.moves_limit(grains) + QUANTILE * moves::RUNS;
         let error = moves::ERROR * self.wider(grains);
         normal((middle - filled) / (moves::RUNS.powi(2) + error.powi(2)).sqrt())
-    }
-
-    /// The same of random sequential addition.
-    pub(crate) fn rsa_reach(&self, attempts_per_grain: Option<u64>) -> f64 {
-        bisect(0.0, 1.0, |filled| self.rsa_success(filled, attempts_per_grain) >= LIKELY)
     }
 
     /// Factor on the standard errors of what is reached: where the mix lies beyond the studies, they are wider.
@@ -359,6 +364,9 @@ pub(crate) const STALL_EVENTS: f64 = growth::STALL;
 pub(crate) const LIKELY: f64 = 0.9;
 /// and the quantile of the normal distribution that belongs to it.
 const QUANTILE: f64 = 1.281_55;
+
+/// Seconds of an operation on a core of 2 GHz.
+pub(super) const OPERATION_S: f64 = growth::EVENT_US * 1e-6;
 
 pub(super) fn event_s(grains: f64) -> f64 {
     growth::EVENT_US * 1e-6 * beyond_cache(grains, growth::EVENT_CACHE)

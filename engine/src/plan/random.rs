@@ -42,12 +42,21 @@ const WIDTH: f64 = 0.67;
 /// Least share that is left to few grains between walls: nothing is known of fewer.
 const LEAST: f64 = 0.3;
 
-/// Volume fraction, coating included, that nine of ten runs reach, for the proportions of these sizes, from fine to
-/// coarse, a share of them angular; 0 where there is none.
-pub(super) fn reach(sizes: &[Size], walls_per_mm: f64, angular: f64) -> f64 {
+/// How random sequential addition ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Reach {
+    /// Volume fraction, coating included, that nine of ten runs reach; 0 where there are no grains.
+    pub(super) volume_fraction: f64,
+    /// Share of the number of grains that are at least as large as those that end the addition: finer ones still find
+    /// places easily.
+    pub(super) ending_share: f64,
+}
+
+/// The reach for the proportions of these sizes, from fine to coarse, a share of them angular.
+pub(super) fn reach(sizes: &[Size], walls_per_mm: f64, angular: f64) -> Reach {
     let all: f64 = sizes.iter().map(|size| size.number * size.diameter.powi(3)).sum();
     let (mut volume, mut near, mut close, mut number) = (0.0, 0.0, 0.0, 0.0);
-    let mut least = f64::INFINITY;
+    let (mut least, mut ending) = (f64::INFINITY, 0.0);
     for size in sizes.iter().rev() {
         let share = size.number * size.diameter.powi(3) / all;
         let [surface, width] = [size.surface, size.width].map(ln);
@@ -61,14 +70,24 @@ pub(super) fn reach(sizes: &[Size], walls_per_mm: f64, angular: f64) -> f64 {
         let taken = volume + NEAR * near * to_near + CLOSE * close * to_close;
         let left =
             (1.0 - WALLS * walls_per_mm * size.diameter).max(LEAST) * (1.0 - FEW / number.max(1.0).sqrt());
-        least = least.min(left / taken);
+        if left / taken < least {
+            (least, ending) = (left / taken, number);
+        }
     }
-    if least.is_finite() { least } else { 0.0 }
+    if least.is_finite() {
+        Reach { volume_fraction: least, ending_share: ending / number }
+    } else {
+        Reach { volume_fraction: 0.0, ending_share: 1.0 }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn fraction(of: &[(f64, f64)], walls_per_mm: f64) -> f64 {
+        reach(&sizes(of), walls_per_mm, 0.0).volume_fraction
+    }
 
     fn sizes(of: &[(f64, f64)]) -> Vec<Size> {
         of.iter().map(|&(diameter, number)| Size { diameter, number, surface: 1.0, width: 1.0 }).collect()
@@ -77,21 +96,25 @@ mod tests {
     /// The saturation of equal spheres, and sizes in parts.
     #[test]
     fn many_grains_reach_what_was_measured() {
-        assert!((reach(&sizes(&[(3.0, 1e8)]), 0.0, 0.0) - EQUAL).abs() < 1e-3);
-        assert_eq!(reach(&[], 0.0, 0.0), 0.0);
+        assert!((fraction(&[(3.0, 1e8)], 0.0) - EQUAL).abs() < 1e-3);
+        assert_eq!(fraction(&[], 0.0), 0.0);
         // A part of a size is as good as the whole.
         let [whole, parts] = [&[(1.0, 8e6), (4.0, 1e6)][..], &[(1.0, 3e6), (1.0, 5e6), (4.0, 1e6)]];
-        assert!((reach(&sizes(whole), 0.0, 0.0) - reach(&sizes(parts), 0.0, 0.0)).abs() < 1e-9);
+        assert!((fraction(whole, 0.0) - fraction(parts, 0.0)).abs() < 1e-9);
     }
 
     #[test]
     fn fine_grains_beside_coarse_ones_fill_voids_and_walls_take_room() {
-        let coarse_alone = reach(&sizes(&[(8.0, 1e6)]), 0.0, 0.0);
-        let some_fine = reach(&sizes(&[(1.0, 1e8), (8.0, 1e6)]), 0.0, 0.0);
+        let coarse_alone = fraction(&[(8.0, 1e6)], 0.0);
+        let some_fine = fraction(&[(1.0, 1e8), (8.0, 1e6)], 0.0);
         // Fine grains of a tenth of the volume do not hinder the coarse ones, which end the addition.
-        let few_fine = reach(&sizes(&[(1.0, 0.1 / 0.9 * 512e6), (8.0, 1e6)]), 0.0, 0.0);
+        let few_fine = fraction(&[(1.0, 0.1 / 0.9 * 512e6), (8.0, 1e6)], 0.0);
+        // They find places easily, while where they fill most of the room they end it.
+        let ending = |of: &[(f64, f64)]| reach(&sizes(of), 0.0, 0.0).ending_share;
+        assert!(ending(&[(1.0, 0.1 / 0.9 * 512e6), (8.0, 1e6)]) < 0.02);
+        assert_eq!(ending(&[(1.0, 1e10), (8.0, 1e6)]), 1.0);
         assert!(some_fine > coarse_alone + 0.05, "{some_fine}");
         assert!((few_fine - coarse_alone / 0.9).abs() < 0.01, "{few_fine}");
-        assert!(reach(&sizes(&[(8.0, 1e6)]), 0.05, 0.0) < coarse_alone - 0.02);
+        assert!(fraction(&[(8.0, 1e6)], 0.05) < coarse_alone - 0.02);
     }
 }

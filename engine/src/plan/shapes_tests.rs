@@ -142,7 +142,7 @@ fn memory_and_time_grow_with_the_grains() {
     assert!(
         many.memory_bytes as f64 > 750.0 * many.grains && many.estimated_time_s > 7.0 * few.estimated_time_s
     );
-    let limits = Limits { max_memory_bytes: 10_000_000, ..Limits::default() };
+    let limits = Limits { max_memory_bytes: 40_000_000, ..Limits::default() };
     let wanted = request([160.0; 3], &fuller(0.6, &ellipsoids([1.5, 1.2, 1.0])));
     assert!(matches!(Plan::new(&wanted, &limits), Err(PlanError::TooLarge(_))));
 }

@@ -14,6 +14,7 @@ use super::{print, run};
 use crate::config::limits_of_one_packing;
 use crate::exports::estimates::{JobPlan, PlannedExport, planned};
 use crate::jobs::request;
+use crate::processor;
 
 /// Options of `packstone plan`.
 #[derive(Args)]
@@ -40,6 +41,7 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
     let templates = TemplateCache::default();
     let packing = templates.attached(&packing);
     let plan = templates.plan(&packing, &limits).map_err(|error| refused(&options.job, &error))?;
+    let plan = plan.at_speed(&packing, processor::speed());
     run::warn(&plan.warnings);
     let named = options.materials.given_to(job.exports().chain(&options.exports), &options.input)?;
     for export in &named {

@@ -26,6 +26,7 @@ use crate::memory_budget::MemoryBudget;
 use crate::metrics::Metrics;
 use crate::planning::Planner;
 use crate::problem::{Kind, Problem};
+use crate::processor;
 use crate::storage::Storage;
 use crate::tasks;
 use crate::webhooks::WebhookRules;
@@ -197,7 +198,7 @@ impl App {
                 large_bodies: FairPlaces::new(large_bodies(), large_bodies()),
                 compute: ComputePool::of_requests(),
                 documents: ComputePool::of_documents(),
-                planner: Planner::new(Arc::clone(&packings.templates)),
+                planner: Planner::new(Arc::clone(&packings.templates), processor::speed()),
                 uploads: FairPlaces::new(MAX_UPLOADS, MAX_UPLOADS / 2),
                 memory_budget: options.memory_budget(),
                 polled: Polled::default(),
