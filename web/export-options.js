@@ -143,7 +143,7 @@ export function fields(names, changed) {
       } else if (option.choices) {
         if (field.value !== option.choices[0]) out[name] = field.value;
       } else if (field.value.trim() === "") continue;
-      else out[name] = option.json ? documentOf(field.value).value : numberOf(field.value);
+      else out[name] = option.json ? documentOf(field.value).value : numberOf(field.value, option.unit);
     }
     return out;
   };

@@ -191,7 +191,7 @@ export class Fields {
     } else if (control.dataset.kind === "number") {
       const fault = faultOf(words);
       if (fault) faults.push({ pointer: path, detail: fault });
-      setAt(request, path, numberOf(words));
+      setAt(request, path, numberOf(words, unitOf(control)));
     } else setAt(request, path, control.value);
   }
 
@@ -244,7 +244,7 @@ export class Fields {
     const key = words && `${words} ${control.value}`;
     if ((place.dataset.words ?? "") === key) return;
     place.dataset.words = key;
-    const unit = control.parentElement?.querySelector(".unit")?.textContent ?? "";
+    const unit = unitOf(control);
     const offers = control.dataset.kind === "number" ? offersOf(control.value, words, unit) : [];
     const button = (/** @type {string} */ value) =>
       h(
@@ -253,6 +253,13 @@ export class Fields {
         `Use ${value}${unit && ` ${unit}`}`,
       );
     replace(place, words, offers.length > 0 && h("span", { class: "offers" }, offers.map(button)));
+  }
+
+  /** Shows a number that was typed with its unit in that of its field. @param {EventTarget | null} target */
+  tidy(target) {
+    const control = this.controls.find((one) => one === target);
+    if (control?.dataset.kind !== "number" || !/\d\s*[^\d.,\s]+$/.test(control.value)) return;
+    control.value = String(numberOf(control.value, unitOf(control)));
   }
 
   /** Pointers of what the controls on the page show. */
@@ -275,6 +282,9 @@ export class Fields {
     );
   }
 }
+
+/** The unit that stands beside a control. @param {Control} control */
+const unitOf = (control) => control.parentElement?.querySelector(".unit")?.textContent ?? "";
 
 /** @param {Control} control */
 const isChecked = (control) => control instanceof HTMLInputElement && control.checked;

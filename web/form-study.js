@@ -25,9 +25,10 @@ function written(values) {
  */
 function read(words, pointer) {
   const plain = words.trim();
+  const unit = /_mm(\/|$)/.test(pointer) ? "mm" : "";
   const range = /^(\S+)\s+to\s+(\S+)\s+step\s+(\S+)$/.exec(plain);
   if (range) {
-    const [from, to, step] = range.slice(1).map(numberOf);
+    const [from, to, step] = range.slice(1).map((part) => numberOf(part, unit));
     const areNumbers = [from, to, step].every((value) => typeof value === "number");
     return {
       values: { from, to, step },
@@ -43,7 +44,7 @@ function read(words, pointer) {
   }
   const { parts, fault } = listOf(plain);
   const values = parts.map((part) => {
-    const value = numberOf(part);
+    const value = numberOf(part, unit);
     return typeof value === "string" && pointer === "/method" ? { type: value } : value;
   });
   return { values, fault: fault || (parts.map(faultOf).find(Boolean) ?? "") };

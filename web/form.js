@@ -314,7 +314,10 @@ shell();
 form.addEventListener("input", (event) => {
   if (!tables.typed(event)) changed();
 });
-form.addEventListener("change", changed);
+form.addEventListener("change", ({ target }) => {
+  fields.tidy(target);
+  changed();
+});
 byId("examples").addEventListener("click", () =>
   import("./form-examples.js").then(({ chooseExample }) => chooseExample(fill)).catch(report),
 );

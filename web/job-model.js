@@ -104,7 +104,7 @@ export class ModelPart {
     const materials = Object.fromEntries(
       Object.entries(this.inputs).map(([phase, [young, poisson]]) => [
         phase,
-        { youngs_modulus_gpa: numberOf(young.value), poissons_ratio: numberOf(poisson.value) },
+        { youngs_modulus_gpa: numberOf(young.value, "GPa"), poissons_ratio: numberOf(poisson.value) },
       ]),
     );
     return { materials: JSON.stringify(materials) };

@@ -84,7 +84,7 @@ export function slicePart(job, request, report, viewer) {
   };
   input.addEventListener("input", move);
   typed.addEventListener("input", () => {
-    const at = numberOf(typed.value);
+    const at = numberOf(typed.value, "mm");
     if (typeof at !== "number") return;
     input.value = String(at);
     move();

@@ -6,16 +6,29 @@
 /** Largest whole number from 0 on up to which all can be told apart, here and in requests. */
 const MOST = Number.MAX_SAFE_INTEGER;
 
+/** What a value of a field with a unit is multiplied with where it has another one. @type {Record<string, any>} */
+const FACTORS = {
+  mm: { cm: 10, m: 1000, "\u00b5m": 0.001, "\u03bcm": 0.001 },
+  s: { min: 60, h: 3600 },
+  "kg/m\u00b3": { "kg/m3": 1 },
+  // A share.
+  "": { "%": 0.01 },
+};
+
 /**
- * The number that was typed; else the text, for the server to refuse.
+ * The number that was typed, in the unit of its field where it has one: `100 mm`, `10 cm`, and of a share `50 %`. Else
+ * the text, for the server to refuse.
  * @param {string} words
+ * @param {string} [unit] of the field
  * @returns {number | string}
  */
-export function numberOf(words) {
+export function numberOf(words, unit = "") {
   const typed = words.trim().replace("\u2212", "-");
-  const plain = /^[-+]?\d*,\d+(e[-+]?\d+)?$/i.test(typed) ? typed.replace(",", ".") : typed;
-  const value = Number(plain);
-  return plain && Number.isFinite(value) ? value : words;
+  const [, figure = "", mark = ""] = /^([-+\d.,]+(?:e[-+]?\d+)?)\s*(\D.*)?$/i.exec(typed) ?? [];
+  const value = Number(/^[-+]?\d*,\d+(e[-+]?\d+)?$/i.test(figure) ? figure.replace(",", ".") : figure || NaN);
+  const factor = mark === unit || !mark ? 1 : FACTORS[unit]?.[mark];
+  if (!Number.isFinite(value * factor)) return words;
+  return factor === 1 ? value : Number(rounded(value * factor));
 }
 
 /**
@@ -28,23 +41,20 @@ export const faultOf = (words) =>
     : "";
 
 /**
- * Values that are offered in place of one that cannot be: the number before its unit, what a percentage is as a share,
- * and the bound that was passed.
+ * Values that are offered in place of one that cannot be: what a percentage is as a share, and the bound that was
+ * passed.
  * @param {string} words what was typed
  * @param {string} fault as the service says it, "must be at least 0.1 and at most 1"
  * @param {string} unit of the field
  * @returns {string[]}
  */
 export function offersOf(words, fault, unit) {
-  const [, figure = "", mark = ""] = /^([-+\d.,e]+)\s*(\D*)$/i.exec(words.trim()) ?? [];
-  const value = numberOf(figure);
+  const value = numberOf(words, unit);
   if (!fault || typeof value !== "number") return [];
   const found = (/** @type {RegExp} */ pattern) => Number(pattern.exec(fault)?.[1] ?? NaN);
   const least = found(/(?:at least|number from|largest grain is(?: \S+ mm \()?) ?(-?\d[-+.\de]*)/);
   const most = found(/(?:at most|from \S+ to) (-?\d[-+.\de]*)/);
-  const isShare = mark === "%" ? unit !== "%" : most === 1 && value > 1 && value <= 100;
-  if (isShare) return [rounded(value / 100), ...(mark ? [] : ["1"])];
-  if (mark && mark === unit) return [String(value)];
+  if (most === 1 && value > 1 && value <= 100) return [rounded(value / 100), "1"];
   // What a mix states, and what of it is placed, are in proportion; the last digit is rounded down.
   const placed = found(/have a volume fraction of ([\d.]+):/);
   if (placed > most) return [rounded(Math.floor((value * most * 1e4) / placed) / 1e4)];

@@ -46,6 +46,28 @@ test("numbers are read with points and commas, and whole numbers exactly", () =>
     ["1e999", "1e999"],
   ]))
     assert.equal(numberOf(words), value, words);
+  for (const [words, unit, value] of /** @type {[string, string, number | string][]} */ ([
+    ["100 mm", "mm", 100],
+    ["100mm", "mm", 100],
+    ["0,4 mm", "mm", 0.4],
+    ["1e2 mm", "mm", 100],
+    ["15 cm", "mm", 150],
+    ["0.15 m", "mm", 150],
+    ["63 \u00b5m", "mm", 0.063],
+    ["50 %", "", 0.5],
+    ["65,5\u202f%", "", 0.655],
+    ["12 %", "%", 12],
+    ["10 min", "s", 600],
+    ["320 kg/m3", "kg/m\u00b3", 320],
+    // What is no unit of the field is refused by the server.
+    ["50 %", "mm", "50 %"],
+    ["100 mm", "", "100 mm"],
+    ["100 in", "mm", "100 in"],
+    ["1 constructor", "mm", "1 constructor"],
+    ["1.000,5 mm", "mm", "1.000,5 mm"],
+    ["mm", "mm", "mm"],
+  ]))
+    assert.equal(numberOf(words, unit), value, `${words} in ${unit}`);
   assert.equal(faultOf(String(SEED)), "");
   assert.match(faultOf("9007199254740993"), /^9007199254740993 is out of range/);
   assert.equal(parse(`{"seed": ${SEED}, "__proto__": 1}`).seed, SEED);
@@ -57,10 +79,9 @@ test("values that can be are offered in place of those that cannot", () => {
     ["65", "65 is out of range: must be at least 1e-9 and at most 1", "", ["0.65", "1"]],
     ["1,2", "1.2 is out of range: must be at least 1e-9 and at most 1", "", ["0.012", "1"]],
     ["165", "165 is out of range: must be at least 1e-9 and at most 1", "", ["1"]],
-    ["65 %", "a text is not a number", "", ["0.65"]],
-    ["12 %", "a text is not a number", "%", ["12"]],
-    ["100 mm", "a text is not a number", "mm", ["100"]],
-    ["100 m", "a text is not a number", "mm", []],
+    ["165 %", "1.65 is out of range: must be at least 1e-9 and at most 1", "", ["0.0165", "1"]],
+    ["100 in", "a text is not a number", "mm", []],
+    ["20 mm", "20 is out of range: must be a number from 0 to 16", "mm", ["16"]],
     ["-60", "-60 is out of range: must be at least 1e-6 and at most 1000000 mm", "mm", ["0.000001"]],
     ["0.1", "0.1 is out of range: must be at least 0.25 mm, below which the grading says nothing", "mm", ["0.25"]],
     ["3", "3 is out of range: must be a whole number from 6 to 60", "", ["6"]],
@@ -153,6 +174,26 @@ test("a whole number that would become another one is a fault", inBrowser, async
   );
   await page.waitForSelector("#report .notice");
   assert.match(await page.innerText("#report"), /9007199254740993 is out of range/);
+  clean();
+  await close();
+});
+
+test("a number may be typed with its unit", inBrowser, async () => {
+  const { page, clean, close } = await openPage(browser, `${server.url}/`);
+  await planned(page);
+  await page.fill("#volume_fraction", "50 %");
+  await page.fill("#size_x", "8 cm");
+  await page.fill("#size_y", "100 mm");
+  await planned(page);
+  const made = await request(page);
+  assert.deepEqual([made.mix.volume_fraction, made.specimen.size_mm], [0.5, [80, 100, 100]]);
+  // A field that is left has the number in its own unit.
+  await page.locator("#size_y").blur();
+  assert.deepEqual(await Promise.all(["#volume_fraction", "#size_x", "#size_y"].map((id) => page.inputValue(id))), [
+    "0.5",
+    "80",
+    "100",
+  ]);
   clean();
   await close();
 });
