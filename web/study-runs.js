@@ -105,10 +105,11 @@ export function runsPart(path, values) {
  * @param {any} request of the study
  */
 export async function filesPart(path, request) {
-  const [{ exports }, { items, next_cursor }] = await Promise.all([
-    get("/v1/capabilities"),
-    get(`${path}/jobs?state=succeeded&sort=created&limit=${PAGE}`),
-  ]);
+  const packed = (/** @type {string | null} */ cursor) =>
+    get(`${path}/jobs?state=succeeded&sort=created&limit=${PAGE}${cursor ? `&cursor=${cursor}` : ""}`);
+  const [{ exports }, { items, next_cursor }] = await Promise.all([get("/v1/capabilities"), packed(null)]);
+  /** Where the runs begin that are not shown yet. @type {string | null} */
+  let cursor = next_cursor;
   const known = new Set(
     exports.flatMap((/** @type {any} */ e) => e.formats.map((/** @type {any} */ f) => `${e.type} ${f.name}`)),
   );
@@ -116,6 +117,7 @@ export async function filesPart(path, request) {
   const file = h("select", { id: "runs-file", onchange: () => show() });
   const make = h("button", { type: "button", onclick: () => all().catch(report) }, "Make for all runs");
   const list = h("ul", { class: "files", "aria-label": "Files of the runs" });
+  const more = h("button", { type: "button", hidden: !cursor, onclick: () => next().catch(report) }, "More runs");
   const choices = h("span", { class: "choices", role: "radiogroup", "aria-labelledby": "runs-files-title" });
   /** The places of the links, by the runs. @type {Map<any, HTMLElement>} */
   let places = new Map();
@@ -135,29 +137,41 @@ export async function filesPart(path, request) {
     h("a", { class: "button", href: absolute(href), download: "" }, "Download");
 
   function show() {
+    make.hidden = file.value.startsWith("grains ");
+    places = new Map();
+    replace(list, items.map(line));
+  }
+
+  /** A run with the place of its link. @param {any} job */
+  function line(job) {
     const grains = /^grains (\w+)/.exec(file.value)?.[1];
-    make.hidden = Boolean(grains);
-    places = new Map(items.map((/** @type {any} */ job) => [job, h("div", { class: "actions" })]));
-    for (const [job, place] of places) if (grains) replace(place, link(`${job.links.result}?format=${grains}`));
-    replace(
-      list,
-      [...places].map(([job, place]) =>
-        h(
-          "li",
-          {},
-          h(
-            "div",
-            { class: "file" },
-            h("a", { href: absolute(`/jobs/${job.id}`) }, `Point ${job.point}, seed ${job.seed}`),
-            h("span", { class: "muted" }, ` ${number(job.result.summary.grains, 6)} grains`),
-          ),
-          place,
-        ),
+    const place = h("div", { class: "actions" }, grains && link(`${job.links.result}?format=${grains}`));
+    places.set(job, place);
+    const called = `Point ${job.point}, seed ${job.seed}`;
+    return h(
+      "li",
+      {},
+      h(
+        "div",
+        { class: "file" },
+        h("a", { href: absolute(`/jobs/${job.id}`) }, called),
+        h("span", { class: "muted" }, ` ${number(job.result.summary.grains, 6)} grains`),
       ),
+      place,
     );
   }
 
-  /** Makes the file of each run, a few at once, and offers each as soon as it is there. */
+  /** Shows the runs that follow. */
+  async function next() {
+    const page = await packed(cursor);
+    cursor = page.next_cursor;
+    items.push(...page.items);
+    list.append(...page.items.map(line));
+    more.hidden = !cursor;
+    return page.items;
+  }
+
+  /** Makes the file of each run, those that are not shown yet too, a few at once, and offers each once it is there. */
   async function all() {
     const of = chosen();
     if (!of) return;
@@ -166,10 +180,10 @@ export async function filesPart(path, request) {
     const materials = request?.template?.materials ? null : materialsFor(of);
     const query = new URLSearchParams({ format, ...set, ...(materials ? { materials } : {}) });
     const here = places;
-    const waiting = [...here];
+    const waiting = [...items];
     const one = async () => {
-      for (let next = waiting.shift(); next && list.isConnected && here === places; next = waiting.shift()) {
-        const [job, place] = next;
+      for (let job = waiting.shift(); job && list.isConnected && here === places; job = waiting.shift()) {
+        const place = /** @type {HTMLElement} */ (here.get(job));
         try {
           replace(place, badge("running"));
           await send("POST", `${job.links.exports}/${type}?${query}`);
@@ -179,7 +193,8 @@ export async function filesPart(path, request) {
         }
       }
     };
-    await Promise.all(Array.from({ length: AT_ONCE }, one));
+    do await Promise.all(Array.from({ length: AT_ONCE }, one));
+    while (cursor && list.isConnected && here === places && waiting.push(...(await next())));
     make.disabled = false;
     announce("The files are finished");
   }
@@ -208,7 +223,6 @@ export async function filesPart(path, request) {
     ),
   );
   choose(program);
-  const first = h("p", { class: "hint" }, `The first ${PAGE} runs; packstone study and Python save those of all.`);
   return h(
     "section",
     { class: "panel stack", "aria-labelledby": "runs-files-title" },
@@ -217,7 +231,7 @@ export async function filesPart(path, request) {
     h("div", { class: "row" }, h("div", { class: "field" }, h("label", { for: "runs-file" }, "File"), file), make),
     h("p", { class: "hint" }, "With the options that a job's page starts from; other options are chosen there."),
     items.length ? list : h("p", { class: "muted" }, "No run has a packing yet."),
-    next_cursor && first,
+    more,
   );
 }
 

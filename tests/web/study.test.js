@@ -60,6 +60,36 @@ test("the files of all runs are made for a program and downloaded", inBrowser, a
   await close();
 });
 
+test("files of more than a hundred runs are made, some at a time", inBrowser, async () => {
+  const template = {
+    specimen: { type: "box", size_mm: [20, 20, 20] },
+    mix: { grading: { type: "monodisperse", diameter_mm: 5 }, volume_fraction: 0.1, allow_coarse: true },
+  };
+  const headers = { "content-type": "application/json" };
+  const body = JSON.stringify({ template, replicates: 105 });
+  const many = await (await server.ask("/v1/studies", { method: "POST", headers, body })).json();
+  let state = many;
+  while (!state.finished_at)
+    state = await (await server.ask(`/v1/studies/${many.id}`, { headers: { prefer: "wait=60" } })).json();
+  const { page, clean, close } = await openPage(browser, `${server.url}/studies/${many.id}#files`);
+  const files = page.locator("#panel-files");
+  await files.locator("label", { hasText: "ParaView" }).click();
+  assert.equal(await files.locator(".files li").count(), 100);
+  await files.locator("button", { hasText: "More runs" }).click();
+  await page.waitForFunction(() => document.querySelectorAll("#panel-files .files a.button").length === 105);
+  assert.equal(await files.locator("button", { hasText: "More runs" }).isVisible(), false);
+  // Files that are made reach those that were not shown yet.
+  await page.reload();
+  await files.locator("label", { hasText: "FFT" }).click();
+  assert.equal(await files.locator(".files li").count(), 100);
+  await files.locator("button", { hasText: "Make for all runs" }).click();
+  await page.waitForFunction(() => document.querySelectorAll("#panel-files .files a.button").length === 105, null, {
+    timeout: 120_000,
+  });
+  clean();
+  await close();
+});
+
 test("before a study is deleted its size is said", inBrowser, async () => {
   const { page, clean, close } = await openPage(browser, `${server.url}/studies/${study.id}`);
   await page.waitForSelector("#points tbody tr");
