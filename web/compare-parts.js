@@ -77,7 +77,7 @@ export function requestPart(packings) {
     { class: "stack tight", "aria-labelledby": "requests-title" },
     h("h2", { id: "requests-title" }, "Requests"),
     h("p", { class: "muted" }, words),
-    found.length > 0 && table(packings, "Field", rows),
+    found.length > 0 && h("div", { class: "requests" }, table(packings, "Field", rows)),
   );
 }
 

@@ -42,6 +42,12 @@ export function valueWords(value, path = []) {
   if (typeof value === "string") return value;
   if (Array.isArray(value) && value.every((one) => typeof one === "number"))
     return value.map((one) => number(one, 6)).join(" × ");
-  const words = JSON.stringify(value);
+  const words = Array.isArray(value)
+    ? value.map((one) => valueWords(one)).join("; ")
+    : isObject(value)
+      ? Object.entries(value)
+          .map(([name, one]) => (name === "type" ? "" : `${fieldWords([name])} `) + valueWords(one, [name]))
+          .join(", ")
+      : String(value);
   return words.length > 200 ? `${words.slice(0, 200)}\u2026` : words;
 }

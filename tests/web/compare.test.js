@@ -38,6 +38,23 @@ test("two jobs that differ in one field show that field alone, chosen from the l
   await close();
 });
 
+test("a shape that one of two requests has stands in words, beside the other column", inBrowser, async () => {
+  const plain = await server.pack({ ...SMALL, name: "round" });
+  const mix = { ...SMALL.mix, volume_fraction: 0.3, shape: { type: "polyhedron" } };
+  const angular = await server.pack({ ...SMALL, name: "angular", mix });
+  for (const width of [1280, 390]) {
+    const { page, clean, close } = await openPage(browser, `${server.url}/compare?jobs=${plain.id},${angular.id}`, {
+      width,
+    });
+    const table = page.locator("[aria-label=Field]");
+    assert.match(await table.innerText(), /mix \u203a shape\s+\u2013\s+polyhedron, template cuts, faces 24/);
+    const over = await table.evaluate((element) => element.scrollWidth - element.clientWidth);
+    assert.ok(over <= 0, `${over} px are hidden at ${width} px`);
+    clean();
+    await close();
+  }
+});
+
 test("cameras, cuts and slices of the seeds of a point are linked", inBrowser, async () => {
   const study = await (
     await server.ask("/v1/studies", {
