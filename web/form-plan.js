@@ -49,7 +49,7 @@ const fact = (term, figure, explanation) =>
 function notices(plan) {
   /** @type {string[]} */
   const beyond = plan.extrapolations.map(
-    (/** @type {string} */ words) => `Beyond the studies behind the forecast: ${words}.`,
+    (/** @type {string} */ words) => `The forecast is less certain, since it was not fitted to ${words}.`,
   );
   return [...plan.warnings, ...beyond].map((words, index) =>
     h(
