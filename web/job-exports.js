@@ -219,7 +219,7 @@ export class ExportPart {
         const { estimate } = plan.exports[0];
         const { mesh } = estimate;
         const parts = [
-          `About ${bytes(mesh?.bytes ?? estimate.bytes)}`,
+          `About ${bytes(estimate.bytes)}`,
           mesh && `${number(mesh.triangles, 2)} triangles`,
           mesh?.tetrahedra && `${number(mesh.tetrahedra, 2)} tetrahedra`,
         ];

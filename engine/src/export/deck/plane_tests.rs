@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::tests::{Constants, GRAIN_CONSTANTS, MATRIX_CONSTANTS, cuboid, materials, near, options, solved};
 use super::*;
 use crate::control::Unattended;
-use crate::export::solid::{ElementSide, SpecimenFace};
+use crate::export::solid::{ElementKind, ElementSide, SpecimenFace};
 use crate::export::{ExportRequest, ExportType};
 use crate::packing::Spheres;
 use crate::request::Specimen;
