@@ -229,6 +229,10 @@ create table jobs (
     threads          bigint,
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     bigint           not null default 1,
+    -- What the request packs, in a few words, as JSON: lists show it.
+    overview         text collate "C",
+    -- Its line that stands for the name of a job without one: lists are searched for it.
+    title            text collate "C" generated always as (overview::json ->> 'title') stored,
     -- In SQLite the text of the row, its copy, and whether both are equal. PostgreSQL checks its pages by itself where
     -- it is set up with checksums.
     row_text text generated always as (null) stored,

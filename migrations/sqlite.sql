@@ -247,17 +247,21 @@ create table jobs (
     threads          integer,
     -- Most threads that the packing has work for, by its plan at submission.
     most_threads     integer not null default 1,
+    -- What the request packs, in a few words, as JSON: lists show it.
+    overview         text,
+    -- Its line that stands for the name of a job without one: lists are searched for it.
+    title            text generated always as (overview ->> '$.title') virtual,
     -- The text of a row that has ended, the same as it was stored, and whether both are equal: a bit of a page that
     -- has changed is found where the row is read.
     row_text text generated always as (case when finished_at is not null then
         format(
             '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q '
-            || '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
+            || '%Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q %Q',
             id, state, name, labels, priority, seed, quote(timeout_s), attempt, max_attempts, attempt_budget,
             cancel_requested, finish_requested, version, created_at, started_at, finished_at, updated_at, expires_at,
             lease_expires_at, engine, progress, error, study, point, replicate, turn, not_before, waits_for, faults,
             owner, method, warnings, submitted_by, shared, worker, worker_key, claim, received_at, forecast_us,
-            least_time_us, threads, most_threads, request_bytes
+            least_time_us, threads, most_threads, request_bytes, overview
         )
     end) virtual,
     row_copy text generated always as (row_text) stored,

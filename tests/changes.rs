@@ -93,6 +93,9 @@ async fn listings_are_filtered_and_sorted() {
     assert_eq!((&overview["curve"], &overview["shape"]), (&json!("A16"), &json!("spheres")));
     let of_job = client.get(&format!("/v1/jobs/{}?overview=true", ids[1])).send().await.expect(200).json();
     assert_eq!(&of_job["overview"], overview);
+    // A job without a name is found by the title that it is listed with.
+    let unnamed = client.submit(&jobs::with(jobs::quick(1), "/mix/volume_fraction", json!(0.3))).await;
+    assert_eq!(listed("name=a16,%2030%20%25,").await, [id_of(&unnamed)]);
     let plain = client.get("/v1/jobs?name=beam").send().await.expect(200).json();
     assert!(plain.get("totals").is_none() && plain["items"][0].get("overview").is_none(), "{plain:#}");
     assert_eq!(listed("name=beam&sort=created").await, [ids[0].clone(), ids[1].clone()]);

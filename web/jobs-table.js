@@ -39,6 +39,7 @@ export function makeRow(first, { changed, chosen, choose }) {
   });
   const name = h("th", { scope: "row", role: "rowheader" });
   const state = cell("state", "State");
+  const owner = cell("wide owner", "Owner");
   const mix = ["Curve", "Specimen", "Fraction", "Shape", "Gap"].map((label) =>
     cell(label === "Fraction" ? "wide number" : "wide", label),
   );
@@ -54,6 +55,7 @@ export function makeRow(first, { changed, chosen, choose }) {
     mix,
     grains,
     times,
+    owner,
     actions,
   );
   let version = "";
@@ -103,6 +105,7 @@ export function makeRow(first, { changed, chosen, choose }) {
         job.error && h("div", { class: "hint" }, job.error.title),
         waits && h("div", { class: "hint" }, `Waits: ${waits}`),
       );
+      replace(owner, job.owner && h("bdi", {}, job.owner), job.shared && h("div", { class: "hint" }, "shared"));
       const fraction = overview?.volume_fraction;
       const values = overview
         ? [

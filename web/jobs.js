@@ -60,7 +60,9 @@ function fill() {
 function filter() {
   const chosen = new URLSearchParams();
   const study = new URLSearchParams(location.search).get("study");
-  for (const [name, value] of new FormData(filters)) if (value) chosen.append(name, String(value));
+  // A title that was copied from the list has narrow spaces.
+  for (const [name, value] of new FormData(filters))
+    if (value) chosen.append(name, String(value).replaceAll("\u202f", " "));
   if (study) chosen.set("study", study);
   history.pushState(null, "", absolute(`/jobs${chosen.size ? `?${chosen}` : ""}`));
   watch.now();
@@ -87,6 +89,8 @@ async function update() {
       (job) => makeRow(job, { changed, chosen, choose }),
     );
     choose();
+    // Whose each job is, as soon as there are several owners.
+    if (items.some((job) => job.owner !== items[0].owner)) byId("table").classList.add("owners");
     if (page.totals) {
       [counted, countedOf] = [Date.now(), here];
       total(page.totals);

@@ -13,9 +13,9 @@ const REFUSED = /status of 40[13]/;
 const folder = mkdtempSync(join(tmpdir(), "packstone-keys-"));
 const file = join(folder, "keys");
 const keys = Object.fromEntries(
-  ["anna", "guest"].map((name) => [name, `packstone_${randomBytes(24).toString("hex")}`]),
+  ["anna", "berta", "guest"].map((name) => [name, `packstone_${randomBytes(24).toString("hex")}`]),
 );
-const roles = { anna: "role=admin", guest: "role=read" };
+const roles = { anna: "role=admin", berta: "role=submit", guest: "role=read" };
 const grant = (/** @type {string[]} */ names) =>
   writeFileSync(
     file,
@@ -25,7 +25,7 @@ const grant = (/** @type {string[]} */ names) =>
 let server, browser;
 before(async () => {
   if (inBrowser.skip) return;
-  grant(["anna", "guest"]);
+  grant(["anna", "berta", "guest"]);
   [server, browser] = await Promise.all([startServer(["--api-keys-file", file]), startBrowser()]);
 });
 after(async () => {
@@ -51,6 +51,7 @@ test("a page asks for a key once, refuses a wrong one, and shows what the key ma
   await enter(page, keys.anna);
   await page.waitForSelector("#jobs tr");
   assert.match(await page.innerText("#jobs"), /of anna/);
+  assert.equal(await page.locator("th.owner").isVisible(), false, "there is one owner");
   await page.waitForFunction(() => document.getElementById("account")?.textContent?.includes("anna"));
   assert.equal(await page.locator("dialog").count(), 0);
   await page.goto(`${server.url}/service`);
@@ -78,6 +79,25 @@ test("a mix is submitted by a session", inBrowser, async () => {
   await page.waitForURL(/\/jobs\/[0-9a-f-]{36}$/);
   clean();
   await close();
+});
+
+test("the list says whose each job is where there are several owners", inBrowser, async () => {
+  for (const name of ["anna", "berta"]) {
+    const headers = { authorization: `Bearer ${keys[name]}`, "content-type": "application/json" };
+    await server.ask("/v1/jobs", { method: "POST", headers, body: JSON.stringify({ ...SMALL, name: `of ${name}` }) });
+  }
+  const owners = async (/** @type {string} */ name) => {
+    const { page, clean, accessible, close } = await openPage(browser, `${server.url}/jobs`, { allow: REFUSED });
+    await enter(page, keys[name] ?? "");
+    await page.waitForSelector("#jobs tr");
+    await accessible();
+    const shown = await page.locator("td.owner:visible").allInnerTexts();
+    clean();
+    await close();
+    return new Set(shown);
+  };
+  assert.deepEqual(await owners("anna"), new Set(["anna", "berta"]));
+  assert.deepEqual(await owners("berta"), new Set(), "all that are seen are hers");
 });
 
 test("a key is withdrawn: the page asks for another, and the closed dialog leaves a problem", inBrowser, async () => {

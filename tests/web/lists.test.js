@@ -154,7 +154,13 @@ test("jobs are called by their mix, found in any case, and have labels, totals a
   await page.fill("#name", "GESTEIN");
   await page.waitForFunction(() => document.querySelectorAll("#jobs tr").length === 1);
   await page.waitForFunction(() => /^1 job,/.test(document.getElementById("totals")?.textContent ?? ""));
+  assert.equal(await page.locator("th.owner").isVisible(), false, "there is one owner");
   await accessible();
+  // A job without a name by the title that it is listed with, as it was copied.
+  const title = page.locator("#jobs .name", { hasText: "50" });
+  await page.fill("#name", "a16, 50\u202f%, CUBE");
+  await title.waitFor();
+  assert.equal(await page.locator("#jobs tr").count(), 1);
   clean();
   await close();
 });

@@ -26,8 +26,8 @@ use crate::http::conditional;
 use crate::http::problems::of_fault;
 use crate::http::ranges::Asked;
 use crate::http::response::set;
-use crate::jobs::JobRecord;
-use crate::jobs::store::{Fault, StoreError};
+use crate::jobs::store::Fault;
+use crate::jobs::{JobRecord, Overview};
 use crate::problem::{Kind, Problem};
 use crate::tasks;
 
@@ -47,15 +47,9 @@ pub(crate) struct FileName {
 
 impl FileName {
     /// The name of a file of a job, with an ending. A job without a name is called by its mix.
-    ///
-    /// # Errors
-    /// The store's.
-    pub(crate) async fn of(app: &App, job: &JobRecord, ending: &str) -> Result<Self, StoreError> {
-        let called = match &job.name {
-            Some(name) => Some(name.clone()),
-            None => app.shared.store.overviews(&[job.seq]).await?.remove(&job.seq).map(|of| of.file_stem()),
-        };
-        Ok(Self::named(called.as_deref(), job.seed.cast_unsigned(), &job.id.to_string(), ending))
+    pub(crate) fn of(job: &JobRecord, ending: &str) -> Self {
+        let called = job.name.clone().or_else(|| job.overview.as_ref().map(Overview::file_stem));
+        Self::named(called.as_deref(), job.seed.cast_unsigned(), &job.id.to_string(), ending)
     }
 
     fn named(called: Option<&str>, seed: u64, id: &str, ending: &str) -> Self {

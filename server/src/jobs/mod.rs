@@ -25,6 +25,7 @@ use crate::failure::Failure;
 use crate::ids::StudyId;
 
 pub(crate) use crate::ids::JobId;
+pub(crate) use overview::Overview;
 pub(crate) use request::JobRequest;
 pub(crate) use waiting::WaitReason;
 
@@ -149,6 +150,8 @@ pub(crate) struct JobRecord {
     pub(crate) engine: Value,
     /// What the plan of the request warns of.
     pub(crate) plan_warnings: Vec<String>,
+    /// What its request packs, in a few words.
+    pub(crate) overview: Option<Overview>,
     pub(crate) progress: Option<Value>,
     pub(crate) error: Option<Failure>,
     pub(crate) artifact: Option<ArtifactRecord>,

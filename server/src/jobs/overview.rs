@@ -1,15 +1,16 @@
-//! What a job packs, in a few words: for lists of jobs and for the names of files.
+//! What a job packs, in a few words: for lists of jobs, their search, and the names of files.
 //!
-//! It is read from the stored request as JSON, so that a page of a list costs one pass over short documents. What a
-//! long list in a request says is not read.
+//! It is made of the request when the job is submitted and stored with the job, so that a list reads no request and a
+//! search finds what the list shows.
 
-use serde::Serialize;
+use packstone_engine::request::{Grading, Mix};
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::jobs::JobRequest;
 
 /// What a request packs, in a few words.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[cfg_attr(test, schema(as = JobOverview))]
 pub(crate) struct Overview {
@@ -29,7 +30,7 @@ pub(crate) struct Overview {
 }
 
 /// What the grains of a request are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(utoipa::ToSchema))]
 #[cfg_attr(test, schema(as = JobShape))]
 #[serde(rename_all = "snake_case")]
@@ -45,23 +46,16 @@ pub(crate) enum GrainWords {
 }
 
 impl Overview {
-    /// The overview of a stored request; `None` of a document that is none.
-    pub(crate) fn of(request: &Value) -> Option<Self> {
-        let (mix, specimen) = (&request["mix"], specimen_words(&request["specimen"])?);
-        let curve = curve_words(mix)?;
-        let volume_fraction = match &mix["volume_fraction"] {
-            Value::Null if mix["proportions"].is_object() => {
-                JobRequest::read(request, 0, None).ok().and_then(|request| request.mix.requested_fraction())
-            }
-            given => given.as_f64(),
+    /// The overview of a request.
+    pub(crate) fn of(request: &JobRequest) -> Self {
+        let (mix, specimen) = (&request.mix, specimen_words(&json_of(&request.specimen)));
+        let (curve, volume_fraction, shape) = (curve_words(mix), mix.requested_fraction(), shape_of(mix));
+        let amount = match (volume_fraction, mix.count) {
+            _ if mix.maximizes_volume_fraction() => Some("densest".to_owned()),
+            (Some(fraction), _) => Some(format!("{} %", rounded(100.0 * fraction))),
+            (None, Some(grains)) => Some(format!("{grains} grains")),
+            (None, None) => None,
         };
-        let amount = match (volume_fraction, &mix["volume_fraction"], mix["count"].as_u64()) {
-            (Some(fraction), ..) => Some(format!("{} %", rounded(100.0 * fraction))),
-            (None, Value::String(_), _) => Some("densest".to_owned()),
-            (None, _, Some(grains)) => Some(format!("{grains} grains")),
-            _ => None,
-        };
-        let shape = shape_of(mix);
         let words = match shape {
             GrainWords::Spheres => None,
             GrainWords::Ellipsoids => Some("ellipsoids".to_owned()),
@@ -70,7 +64,7 @@ impl Overview {
         };
         let parts = [Some(curve.clone()), words, amount, Some(specimen.clone())];
         let title = parts.into_iter().flatten().collect::<Vec<_>>().join(", ");
-        Some(Self { title, curve, specimen, volume_fraction, shape, gap: gap_words(&request["distance"]) })
+        Self { title, curve, specimen, volume_fraction, shape, gap: gap_words(&json_of(&request.distance)) }
     }
 
     /// The title as far as it belongs into the name of a file.
@@ -88,37 +82,37 @@ fn millimetres(value: &Value) -> Option<f64> {
     value.as_f64().map(rounded)
 }
 
-fn specimen_words(specimen: &Value) -> Option<String> {
+/// A part of a request as clients see it: kinds are told apart by their names there.
+fn json_of(part: &impl Serialize) -> Value {
+    serde_json::to_value(part).unwrap_or_default()
+}
+
+fn specimen_words(specimen: &Value) -> String {
+    let mm = |length: &Value| millimetres(length).unwrap_or_default();
     if specimen["type"] == "cylinder" {
-        let (diameter, height) =
-            (millimetres(&specimen["diameter_mm"])?, millimetres(&specimen["height_mm"])?);
-        return Some(format!("cylinder {diameter} × {height} mm"));
+        return format!("cylinder {} × {} mm", mm(&specimen["diameter_mm"]), mm(&specimen["height_mm"]));
     }
-    let size = specimen["size_mm"].as_array()?.iter().map(millimetres).collect::<Option<Vec<f64>>>()?;
-    let &[x, y, z] = &size[..] else { return None };
+    let [x, y, z] = [0, 1, 2].map(|axis| mm(&specimen["size_mm"][axis]));
     let periodic = if specimen["boundary"] == "periodic" { ", periodic" } else { "" };
     #[allow(clippy::float_cmp)] // equal as typed
     let is_cube = x == y && y == z;
-    Some(if is_cube {
-        format!("cube {x} mm{periodic}")
-    } else {
-        format!("box {x} × {y} × {z} mm{periodic}")
-    })
+    if is_cube { format!("cube {x} mm{periodic}") } else { format!("box {x} × {y} × {z} mm{periodic}") }
 }
 
-fn curve_words(mix: &Value) -> Option<String> {
-    match mix["aggregates"].as_array() {
-        Some(list) if list.len() > 1 => return Some(format!("{} aggregates", list.len())),
-        Some(list) if list.len() == 1 => return grading_words(&list[0]["grading"]),
-        _ => {}
+fn curve_words(mix: &Mix) -> String {
+    match (&mix.aggregates[..], &mix.grading) {
+        // It may have a million.
+        (_, Some(Grading::Diameters { .. })) => "listed diameters".to_owned(),
+        ([], Some(grading)) => grading_words(&json_of(grading)),
+        ([one], _) => grading_words(&json_of(&one.grading)),
+        (list, _) => format!("{} aggregates", list.len()),
     }
-    grading_words(&mix["grading"])
 }
 
-fn grading_words(grading: &Value) -> Option<String> {
+fn grading_words(grading: &Value) -> String {
     let length = |name: &str| millimetres(&grading[name]).map(|mm| format!(" {mm} mm")).unwrap_or_default();
-    let (kind, name) = (grading["type"].as_str()?, grading["name"].as_str().unwrap_or_default());
-    Some(match kind {
+    let name = grading["name"].as_str().unwrap_or_default();
+    match grading["type"].as_str().unwrap_or_default() {
         "standard" => {
             let of = grading["standard"].as_str().filter(|standard| *standard != "DIN 1045-2");
             let curve = grading["curve"].as_str().map(|curve| format!(" {curve}")).unwrap_or_default();
@@ -132,19 +126,19 @@ fn grading_words(grading: &Value) -> Option<String> {
         "monodisperse" => format!("one size{}", length("diameter_mm")),
         "lognormal" => format!("lognormal{}", length("median_mm")),
         "normal" => format!("normal{}", length("mean_mm")),
-        "diameters" => "listed diameters".to_owned(),
         "weibull" => "Weibull".to_owned(),
         "rosin_rammler" => "Rosin-Rammler".to_owned(),
         "sizes" | "sieves" | "classes" => "own sieves".to_owned(),
         other => other.replace('_', " "),
-    })
+    }
 }
 
 /// What the grains of all parts of a mix are.
-fn shape_of(mix: &Value) -> GrainWords {
-    let parts = match mix["aggregates"].as_array() {
-        Some(list) if !list.is_empty() => list.iter().collect(),
-        _ => vec![mix],
+fn shape_of(mix: &Mix) -> GrainWords {
+    let parts: Vec<Value> = if mix.aggregates.is_empty() {
+        vec![serde_json::json!({"shape": mix.shape, "shapes": mix.shapes})]
+    } else {
+        mix.aggregates.iter().map(json_of).collect()
     };
     let mut found = Vec::new();
     for part in parts {
@@ -222,11 +216,10 @@ mod tests {
                 "largest",
             ),
         ] {
-            let overview = Overview::of(&request).unwrap();
+            let overview = Overview::of(&JobRequest::read(&request, 1, None).unwrap());
             assert_eq!((&*overview.title, &*overview.file_stem()), (title, stem));
             assert_eq!((overview.shape, &*overview.gap), (shape, gap));
         }
-        assert_eq!(Overview::of(&json!({"mix": 3})), None);
     }
 
     #[test]
@@ -236,7 +229,7 @@ mod tests {
             "mix": {"grading": {"type": "standard", "name": "A16"}, "d_min_mm": 4,
                     "proportions": {"cement_kg_m3": 350, "water_cement": 0.5, "air": 0.02}}
         });
-        let fraction = Overview::of(&recipe).unwrap().volume_fraction.unwrap();
+        let fraction = Overview::of(&JobRequest::read(&recipe, 1, None).unwrap()).volume_fraction.unwrap();
         assert!((0.6..0.8).contains(&fraction), "{fraction}");
     }
 }

@@ -190,12 +190,9 @@ impl Target {
 
     /// The name under which a client saves the file: it has mix, seed and settings. That of a file with a script beside
     /// it, which names the file, is the same for every client.
-    ///
-    /// # Errors
-    /// The store's.
-    pub(crate) async fn file_name(&self, app: &App) -> Result<FileName, Problem> {
-        let name = FileName::of(app, &self.job, &self.export.file_ending()).await?;
-        Ok(if self.export.companion("").is_some() { FileName::plain(name.into_ascii()) } else { name })
+    pub(crate) fn file_name(&self) -> FileName {
+        let name = FileName::of(&self.job, &self.export.file_ending());
+        if self.export.companion("").is_some() { FileName::plain(name.into_ascii()) } else { name }
     }
 }
 

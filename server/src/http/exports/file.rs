@@ -70,7 +70,7 @@ pub(crate) async fn get(
         site.check_start(&headers)?;
     }
     target.check(&app).await?;
-    let described = described(&app, &target).await?;
+    let described = described(&target);
     if let Some(response) = described.not_modified(&headers) {
         return Ok(response);
     }
@@ -129,14 +129,14 @@ async fn redirect(
 }
 
 /// How the file of an export is described. Its key names all that decides its bytes.
-async fn described(app: &App, target: &Target) -> Result<Described, Problem> {
+fn described(target: &Target) -> Described {
     let (media_type, key) = (target.export.media_type(), &target.new.key);
-    Ok(Described {
+    Described {
         etag: Coding::Never.tag(&key[..32.min(key.len())]),
         content_type: HeaderValue::from_static(media_type),
-        filename: target.file_name(app).await?,
+        filename: target.file_name(),
         inline: media_type.starts_with("image/"),
         negotiated: false,
         coding: Coding::Never,
-    })
+    }
 }

@@ -32,7 +32,7 @@ pub(crate) async fn get(
     Query(options): Query<ExportOptions>,
 ) -> Result<Response, Problem> {
     let target = Target::read(&app, path, &options).await?;
-    let name = target.file_name(&app).await?.into_ascii();
+    let name = target.file_name().into_ascii();
     let Some((ending, text)) = target.export.companion(&name) else {
         let detail =
             format!("exports {} of the format {} need no script", path.kind.name(), target.export.format());

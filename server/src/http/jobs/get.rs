@@ -89,7 +89,7 @@ pub(crate) async fn get(
         let whole = Box::pin(async {
             let mut job = view::whole(&app, &caller, &record, query.include.with_request()).await?;
             if query.overview.get() {
-                job.set_overview(app.shared.store.overviews(&[record.seq]).await?.remove(&record.seq));
+                job.set_overview(record.overview.clone());
             }
             Ok(view::response(&app, StatusCode::OK, &record, job).await)
         });

@@ -118,7 +118,7 @@ parameters! {
         state: Option<jobs::State>,
         /// `key=value`; only jobs with this label; may be repeated, and then all must fit.
         label: Labels,
-        /// Only jobs whose name contains this text, in upper or lower case.
+        /// Only jobs whose name contains this text, or the `title` of their `overview`, in upper or lower case.
         name: Option<Text<1, MAX_NAME_CHARS>>,
         /// Only jobs with this method in their request.
         method: Option<MethodName>,
@@ -228,10 +228,8 @@ async fn page(app: &App, filter: &Filter, query: &JobListParameters) -> Result<J
     let found = store.list(filter, page.after(filter)?, page.limit.get()).await?;
     let mut items = JobSummary::of_all(app, &found.jobs).await?;
     if query.overview.get() {
-        let numbers: Vec<i64> = found.jobs.iter().map(|job| job.seq).collect();
-        let mut overviews = store.overviews(&numbers).await?;
-        for (item, number) in items.iter_mut().zip(&numbers) {
-            item.set_overview(overviews.remove(number));
+        for (item, job) in items.iter_mut().zip(&found.jobs) {
+            item.set_overview(job.overview.clone());
         }
     }
     let totals = if query.totals.get() { Some(store.totals(filter).await?.into()) } else { None };

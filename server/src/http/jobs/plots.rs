@@ -58,7 +58,7 @@ pub(crate) async fn get(
     if conditional::none_match_fails(&headers, &etag) {
         return Ok(not_modified(&etag));
     }
-    let name = FileName::of(&app, &job, &format!("{}.svg", kind.name())).await?;
+    let name = FileName::of(&job, &format!("{}.svg", kind.name()));
     let permit = turn(&app).await?;
     let artifacts = app.shared.artifacts.clone();
     let drawn = blocking(id, move || {

@@ -16,9 +16,8 @@ use crate::http::jobs::waits::{WaitView, waits_of};
 use crate::http::response::{is_long, json, named, set, time};
 use crate::http::waiting::Changing;
 use crate::http::webhooks::WebhookView;
-use crate::jobs::overview::Overview;
 use crate::jobs::store::StoreError;
-use crate::jobs::{ArtifactRecord, JobRecord, State};
+use crate::jobs::{ArtifactRecord, JobRecord, Overview, State};
 use crate::plots::job::JobPlot;
 use crate::problem::FailureDocument;
 
@@ -112,7 +111,7 @@ pub(crate) struct JobSummary {
     /// Index of the job in its point, from 0.
     #[cfg_attr(test, schema(required, minimum = 0))]
     replicate: Option<u32>,
-    /// What its request packs, in a few words; where `overview=true` asks for it and the request is short.
+    /// What its request packs, in a few words; where `overview=true` asks for it.
     #[cfg_attr(test, schema(required = false, nullable = false))]
     #[serde(skip_serializing_if = "Option::is_none")]
     overview: Option<Overview>,

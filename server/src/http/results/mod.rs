@@ -146,7 +146,7 @@ pub(crate) async fn get(
     let described = Described {
         etag: coding.tag(&format!("{digest}-{}-{}", format.name(), tables::REVISION)),
         content_type: content_type(format),
-        filename: FileName::of(&app, &job, format.name()).await?,
+        filename: FileName::of(&job, format.name()),
         inline: false,
         negotiated: true,
         coding,
@@ -185,7 +185,7 @@ async fn page(
     let described = Described {
         etag: format!("\"{}\"", hex::encode(&measured.digest.finalize()[..16])),
         content_type: HeaderValue::from_static("text/html; charset=utf-8"),
-        filename: FileName::of(app, job, "html").await?,
+        filename: FileName::of(job, "html"),
         inline: false,
         negotiated: true,
         coding: Coding::Never,

@@ -1,6 +1,6 @@
 //! Reading jobs.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 use serde_json::Value;
 
@@ -10,7 +10,6 @@ use super::rows::{DamagedRow, select_jobs};
 use super::submit::to_json;
 use super::{Store, StoreError, rows};
 use crate::ids::StudyId;
-use crate::jobs::overview::Overview;
 use crate::jobs::{JobId, JobRecord, State};
 
 /// What stands for the end of a job that has not ended, before the end of every other.
@@ -18,13 +17,9 @@ const NOT_FINISHED: i64 = 0;
 
 /// Most jobs that a listing counts: a count walks them all.
 const MOST_COUNTED: i64 = 10_000;
-/// Bytes of a request that is read for a few words, whichever others are.
-const SHORT_REQUEST: i64 = 1 << 14;
-/// Bytes of the longer requests that are read for a few words, the newest first: some 20 ms.
-const LONG_REQUESTS: i64 = 1 << 22;
-/// The name of a job without regard to case: SQLite itself knows the case of ASCII letters alone.
-const FOLDED_NAME: &str =
-    "replace(replace(replace(replace(lower(jobs.name), 'Ä', 'ä'), 'Ö', 'ö'), 'Ü', 'ü'), 'É', 'é')";
+/// Name and title of a job without regard to case: SQLite itself knows the case of ASCII letters alone.
+const FOLDED_NAMES: &str = "replace(replace(replace(replace(lower(coalesce(jobs.name, '') || ', ' \
+     || coalesce(jobs.title, '')), 'Ä', 'ä'), 'Ö', 'ö'), 'Ü', 'ü'), 'É', 'é')";
 
 /// Which jobs a listing wants.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -34,7 +29,7 @@ pub(crate) struct Filter {
     pub(crate) labels: Vec<(String, String)>,
     /// Only jobs of this study.
     pub(crate) study: Option<StudyId>,
-    /// Only jobs whose name contains this text, in upper or lower case.
+    /// Only jobs whose name or title contains this text, in upper or lower case.
     pub(crate) name: Option<String>,
     /// Only jobs with this method in their request.
     pub(crate) method: Option<String>,
@@ -224,40 +219,6 @@ impl Store {
         })
     }
 
-    /// What jobs pack, by their numbers; of long requests those are left out that together exceed [`LONG_REQUESTS`]. Of
-    /// a list that the requests of a study share an empty one is read.
-    pub(crate) async fn overviews(&self, jobs: &[i64]) -> Result<HashMap<i64, Overview>, StoreError> {
-        let rows = query(
-            "select jobs.seq as seq,
-                 case when r.part is null then r.body
-                     else substr(r.body, 1, cast(r.part_at as integer)) || '[]'
-                         || substr(r.body, cast(r.part_at as integer) + 1) end as body
-             from (select jobs.seq as seq, jobs.request_bytes as length,
-                     sum(case when jobs.request_bytes > ? and jobs.request_bytes <= ? then jobs.request_bytes else 0 end)
-                         over (order by jobs.seq desc) as so_far
-                 from jobs where jobs.seq in (select cast(value as bigint) from json_each(?))) as jobs
-             join job_requests as r on r.job = jobs.seq
-             where jobs.length <= ? or (jobs.length <= ? and jobs.so_far <= ?)",
-        )
-        .bind(SHORT_REQUEST)
-        .bind(LONG_REQUESTS)
-        .bind(to_json(&jobs)?)
-        .bind(SHORT_REQUEST)
-        .bind(LONG_REQUESTS)
-        .bind(LONG_REQUESTS)
-        .fetch_all(self.readers())
-        .await?;
-        let mut overviews = HashMap::with_capacity(rows.len());
-        for row in &rows {
-            // A damaged body is reported where it is read for more than words.
-            let request = serde_json::from_str(row.text("body")?).unwrap_or(Value::Null);
-            if let Some(overview) = Overview::of(&request) {
-                overviews.insert(row.try_get("seq")?, overview);
-            }
-        }
-        Ok(overviews)
-    }
-
     /// What the jobs of an owner take.
     pub(crate) async fn usage_of(&self, owner: &str) -> Result<Usage, StoreError> {
         let row = query("select queued, running, request_bytes from queue_owners where owner = ?")
@@ -394,8 +355,8 @@ impl Filter {
         if self.name.as_ref().is_some_and(String::is_empty) {
             query.push(" and jobs.name is not null");
         } else if let Some(name) = &self.name {
-            query.push(" and replace(").push(FOLDED_NAME).push(", ").push_bind(name.to_lowercase());
-            query.push(", '') <> ").push(FOLDED_NAME);
+            query.push(" and replace(").push(FOLDED_NAMES).push(", ").push_bind(name.to_lowercase());
+            query.push(", '') <> ").push(FOLDED_NAMES);
         }
         if let Some(method) = &self.method {
             query.push(" and jobs.method = ").push_bind(method.clone());

@@ -88,6 +88,7 @@ pub(super) fn job(row: &Row) -> Result<JobRecord, StoreError> {
         expires_at: row.try_get("expires_at")?,
         engine: json(row.text("engine")?)?,
         plan_warnings: json(row.text("warnings")?)?,
+        overview: row.try_get::<Option<String>>("overview")?.as_deref().map(json).transpose()?,
         progress: optional_json("progress")?,
         error: error.as_deref().map(json).transpose()?,
         artifact,

@@ -16,7 +16,7 @@ use super::{Database, StoreError};
 use crate::hex;
 
 /// Counts the changes of the tables. It rises with each change of the texts.
-const SCHEMA: i64 = 7;
+const SCHEMA: i64 = 8;
 /// The tables in SQLite.
 const SQLITE: &str = include_str!("../../../../migrations/sqlite.sql");
 /// The tables in PostgreSQL.

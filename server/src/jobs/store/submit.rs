@@ -9,7 +9,7 @@ use super::bodies::StoredBody;
 use super::db::{Durability, Transaction, query};
 use super::{Store, StoreError, forecasts, rows, turns, webhooks};
 use crate::accounts::Submitter;
-use crate::jobs::{JobId, JobRecord, JobRequest};
+use crate::jobs::{JobId, JobRecord, JobRequest, Overview};
 use crate::tasks;
 
 /// Diameters of a request that is written off the threads that answer.
@@ -60,6 +60,7 @@ struct Documents {
     labels: String,
     engine: String,
     warnings: String,
+    overview: String,
 }
 
 impl Documents {
@@ -70,6 +71,7 @@ impl Documents {
             labels: to_json(&new.request.labels)?,
             engine: to_json(&EngineInfo::current())?,
             warnings: to_json(&new.warnings)?,
+            overview: to_json(&Overview::of(&new.request))?,
             new,
         })
     }
@@ -103,7 +105,7 @@ impl Store {
     }
 
     async fn insert(&self, documents: &Documents, tx: &mut Transaction<'_>) -> Result<Submitted, StoreError> {
-        let Documents { id, new, body, labels, engine, warnings } = documents;
+        let Documents { id, new, body, labels, engine, warnings, overview } = documents;
         let request = &new.request;
         if let Some(existing) = find_key(&mut *tx, new.idempotency_key.as_ref()).await? {
             return Ok(Submitted::Existing(existing));
@@ -117,8 +119,9 @@ impl Store {
         let row = query(
             "insert into jobs (id, state, name, labels, priority, seed, timeout_s, max_attempts,
                  attempt_budget, created_at, updated_at, expires_at, engine, turn, warnings, owner, submitted_by,
-                 shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes)
-             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+                 shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes,
+                 overview)
+             values (?, 'queued', ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
              returning *, cast(null as text) as path, cast(null as text) as study_id",
         )
         .bind(id.to_string())
@@ -144,6 +147,7 @@ impl Store {
         .bind(i64::from(new.most_threads))
         .bind(request.method_name())
         .bind(body.bytes())
+        .bind(overview)
         .fetch_one(&mut *tx)
         .await?;
         let job = rows::job(&row)?;

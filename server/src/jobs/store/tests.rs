@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use packstone_engine::Limits;
 use serde_json::json;
 use sqlx::Connection as _;
 use tempfile::TempDir;
@@ -12,7 +13,7 @@ use crate::accounts::{Quotas, Submitter};
 use crate::exports::{NewExport, StoredFile};
 use crate::failure::{Failure, FailureCode};
 use crate::jobs::{ArtifactRecord, JobProgress, JobRecord, JobRequest};
-use crate::studies::Facts;
+use crate::studies::{Facts, Study};
 
 pub(super) const LIMITS: StoreLimits = StoreLimits { max_queued: 1000, lease: Duration::from_mins(1) };
 
@@ -587,4 +588,29 @@ async fn threads_are_kept_beside_the_request() {
         assert_eq!((claimed.job.threads, claimed.job.most_threads), (job.threads, 1));
         assert!(!claimed.request.contains("threads"), "{}", claimed.request);
     }
+}
+
+#[tokio::test]
+async fn a_search_finds_names_and_what_jobs_without_a_name_pack() {
+    let (_folder, store) = fresh().await;
+    let unnamed = submit(&store, json!({})).await;
+    let named = submit(&store, json!({"name": "Größe"})).await;
+    // A list that the requests of a study share.
+    let part =
+        json!({"share": 0.0625, "grading": {"type": "standard", "name": "A16"}, "density_kg_m3": 2650});
+    let mix =
+        json!({"volume_fraction": 0.2, "d_min_mm": 4, "allow_coarse": true, "aggregates": vec![part; 16]});
+    let template = json!({"specimen": {"type": "box", "size_mm": [50, 50, 50]}, "mix": mix});
+    let request = json!({"seed": 1, "template": template, "replicates": 2});
+    let study = Study::read(&request, 1, None, &Limits::default()).unwrap();
+    let (request, by) = (study.recorded(&request), Submitter::default());
+    store.submit_study(NewStudy { study, request, by, idempotency_key: None }).await.unwrap();
+    let find = async |words: &str| {
+        let filter = Filter { name: Some(words.into()), ..Filter::default() };
+        store.list(&filter, None, 10).await.unwrap().jobs.iter().map(|job| job.seq).collect::<Vec<_>>()
+    };
+    assert_eq!(find("One Size 8 mm, 20 %").await, [named.seq, unnamed.seq]);
+    assert_eq!(find("größe").await, [named.seq]);
+    assert_eq!(find("16 aggregates, 20 %, cube").await, [named.seq + 2, named.seq + 1]);
+    assert_eq!(find("cube 51").await, [0_i64; 0]);
 }

@@ -13,7 +13,7 @@ use super::super::{Store, StoreError, forecasts, turns, webhooks};
 use super::{StudyRecord, query};
 use crate::accounts::Submitter;
 use crate::ids::{JobId, StudyId};
-use crate::jobs::JobRequest;
+use crate::jobs::{JobRequest, Overview};
 use crate::studies::{Point, Study};
 use crate::tasks;
 
@@ -280,14 +280,17 @@ async fn insert_jobs(
         let bodies = bodies?;
         let chunk;
         (chunk, left) = left.split_at(bodies.len());
-        let texts = |row: &Row<'_>| Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?));
+        let texts = |row: &Row<'_>| {
+            Ok((to_json(&row.job.labels)?, to_json(&row.warnings)?, to_json(&Overview::of(row.job))?))
+        };
         let texts = chunk.iter().map(texts).collect::<Result<Vec<_>, StoreError>>()?;
         parts.insert(tx, study).await?;
         // What all jobs have in common is bound once. Column 8 of the rows is `max_attempts`, which a retry adds again.
         let mut query = QueryBuilder::new(
             "insert into jobs (state, attempt_budget, created_at, updated_at, engine, study, owner, submitted_by,
                  seq, id, name, labels, priority, seed, timeout_s, max_attempts, expires_at, point, replicate, turn,
-                 warnings, shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes)
+                 warnings, shared, forecast_us, least_time_us, threads, most_threads, method, request_bytes,
+                 overview)
              select 'queued', rows.column8, now, now, engine, study, owner, submitted_by, rows.*
              from (select ",
         );
@@ -296,7 +299,7 @@ async fn insert_jobs(
         query.push_bind(key).push(" as submitted_by) as common cross join (");
         query.push_values(
             chunk.iter().zip(texts).zip(&bodies),
-            |values, ((row, (labels, warnings)), body)| {
+            |values, ((row, (labels, warnings, overview)), body)| {
                 let job = row.job;
                 values.push_bind(row.seq).push_bind(JobId::new().to_string()).push_bind(&job.name);
                 values.push_bind(labels).push_bind(job.priority).push_bind(row.seed.cast_signed());
@@ -305,6 +308,7 @@ async fn insert_jobs(
                 values.push_bind(warnings).push_bind(new.study.shared || job.shared);
                 values.push_bind(row.forecast_us).push_bind(row.least_time_us).push_bind(job.threads);
                 values.push_bind(row.most_threads).push_bind(job.method_name()).push_bind(body.bytes());
+                values.push_bind(overview);
             },
         );
         query.push(") as rows");
