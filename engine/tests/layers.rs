@@ -41,20 +41,18 @@ const LAYERS: [&str; 33] = [
     "run",
 ];
 
-/// Folders whose modules form no circle.
-const WITHOUT_CIRCLES: [&str; 12] = [
-    "cpu",
-    "check",
-    "geometry",
-    "geometry/delaunay",
-    "gap",
-    "grain",
-    "methods",
-    "methods/rsa",
-    "methods/growth",
-    "methods/edmd",
-    "methods/edmd/blocks",
-    "methods/edmd/run",
+/// Folders whose modules form circles still. In all others there is none; the list only becomes shorter.
+const WITH_CIRCLES: [&str; 10] = [
+    "export",
+    "export/deck",
+    "export/mesh",
+    "export/slice",
+    "export/voxels",
+    "importer/recipe",
+    "methods/monte_carlo",
+    "mix",
+    "request",
+    "run",
 ];
 
 /// What names stand for that the crate's root exports.
@@ -261,38 +259,53 @@ fn the_check_shares_its_internals_with_nothing() {
 }
 
 #[test]
-fn modules_of_a_folder_form_no_circle() {
-    for folder in WITHOUT_CIRCLES {
-        let modules: BTreeMap<String, PathBuf> = std::fs::read_dir(source().join(folder))
-            .unwrap()
-            .map(|entry| entry.unwrap().path())
-            .map(|path| (path.file_stem().unwrap().to_str().unwrap().to_owned(), path))
-            .filter(|(name, _)| name != "mod" && name != "tests")
-            .collect();
-        let absolute = format!("crate::{}::", folder.replace('/', "::"));
-        let mut uses: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
-        for (name, path) in &modules {
-            let used = uses.entry(name).or_default();
-            for file in files(path) {
-                let code = code(&file);
-                let depth = file.strip_prefix(path).unwrap().components().count();
-                let is_head = file.file_name().unwrap() == "mod.rs";
-                let supers = if is_head { depth } else { depth + 1 };
-                let relative = "super::".repeat(supers);
-                used.extend(named_after(&code, &absolute).into_iter().chain(named_after(&code, &relative)));
-            }
-            *used = used.iter().map(|path| first(path).to_owned()).collect();
-            used.retain(|other| other != name && modules.contains_key(other));
+fn modules_of_a_folder_form_no_circle_but_where_listed() {
+    let mut folders = vec![source()];
+    let mut with_circles = Vec::new();
+    while let Some(folder) = folders.pop() {
+        let entries: Vec<PathBuf> =
+            std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        folders.extend(entries.iter().filter(|path| path.is_dir() && !path.ends_with("tests")).cloned());
+        // The modules of the crate have layers of their own.
+        if folder != source() && has_circle(&folder, entries) {
+            with_circles.push(folder.strip_prefix(source()).unwrap().to_str().unwrap().replace('\\', "/"));
         }
-        // Takes away modules that use none of those left; what remains has a circle.
-        while let Some(free) = uses.iter().find(|(_, used)| used.is_empty()).map(|(name, _)| *name) {
-            uses.remove(free);
-            for used in uses.values_mut() {
-                used.remove(free);
-            }
-        }
-        assert!(uses.is_empty(), "{folder}: {uses:#?}");
     }
+    with_circles.sort();
+    assert_eq!(with_circles, WITH_CIRCLES);
+}
+
+/// Whether modules of a folder use each other in a circle.
+fn has_circle(folder: &Path, entries: Vec<PathBuf>) -> bool {
+    let modules: BTreeMap<String, PathBuf> = entries
+        .into_iter()
+        .map(|path| (path.file_stem().unwrap().to_str().unwrap().to_owned(), path))
+        .filter(|(name, _)| name != "mod" && name != "tests")
+        .collect();
+    let below_source = folder.strip_prefix(source()).unwrap().to_str().unwrap().replace(['/', '\\'], "::");
+    let absolute = format!("crate::{below_source}::");
+    let mut uses: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
+    for (name, path) in &modules {
+        let used = uses.entry(name).or_default();
+        for file in files(path) {
+            let code = code(&file);
+            let depth = file.strip_prefix(path).unwrap().components().count();
+            let is_head = file.file_name().unwrap() == "mod.rs";
+            let supers = if is_head { depth } else { depth + 1 };
+            let relative = "super::".repeat(supers);
+            used.extend(named_after(&code, &absolute).into_iter().chain(named_after(&code, &relative)));
+        }
+        *used = used.iter().map(|path| first(path).to_owned()).collect();
+        used.retain(|other| other != name && modules.contains_key(other));
+    }
+    // Takes away modules that use none of those left; what remains has a circle.
+    while let Some(free) = uses.iter().find(|(_, used)| used.is_empty()).map(|(name, _)| *name) {
+        uses.remove(free);
+        for used in uses.values_mut() {
+            used.remove(free);
+        }
+    }
+    !uses.is_empty()
 }
 
 /// Files that match the kind of a grain outside of the folders that define and check kinds: the gaps of pairs of
