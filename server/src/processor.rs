@@ -1,8 +1,8 @@
 //! How fast this processor is, for the times that plans tell.
 //!
 //! A plan has the work of a run in operations. The time of an operation is measured once in a process, where times are
-//! shown: by a small packing, made a few times, of which the fastest counts. The speed is rounded to steps, so that two
-//! measurements on one machine hardly ever differ.
+//! shown: by a small packing, made a few times, of which the fastest counts. The speed is rounded to steps, so that
+//! measurements that differ a little give one speed.
 
 use std::sync::LazyLock;
 

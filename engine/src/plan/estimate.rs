@@ -46,10 +46,31 @@ pub struct MethodEstimates {
     pub growth: MethodEstimate,
 }
 
+impl MethodEstimate {
+    /// Of work that takes this many seconds on a core of 2 GHz.
+    fn new(success_probability: f64, seconds: f64, reach: f64) -> Self {
+        Self {
+            success_probability,
+            operations: seconds / model::OPERATION_S,
+            time_s: seconds,
+            volume_fraction_with_coating_reach: reach,
+        }
+    }
+}
+
 impl MethodEstimates {
     /// Whether `auto` places at random first: that will do, and takes less work.
     pub(super) fn places_first(&self) -> bool {
         self.rsa.success_probability >= LIKELY && self.rsa.operations <= self.growth.operations
+    }
+
+    /// Whether a request with this method lets grains grow, and does not add all of them at random.
+    pub(super) fn grows(&self, method: &Method) -> bool {
+        match method {
+            Method::Rsa { .. } => false,
+            Method::Auto {} => !self.places_first(),
+            _ => true,
+        }
     }
 
     /// Sets the times on a processor of this speed over that of a core of 2 GHz, with a limit for growth.
@@ -142,42 +163,33 @@ impl<'a> Case<'a> {
         };
         let options = self.options_of_events();
         let (features, filled, grains) = (&self.features, self.filled, self.grains);
-        let of_s = |seconds: f64| seconds / model::OPERATION_S;
         let maximize = self.is_without_target();
+        // Random addition grows nothing, so it has no largest distance.
         let success_probability = if maximize { 0.0 } else { features.rsa_success(filled, attempts) };
-        let rsa = MethodEstimate {
-            // It grows nothing, so it has no largest distance.
-            success_probability,
-            operations: of_s(if self.mix.shapes.is_none() {
-                features.rsa_time_s(filled, grains, attempts)
+        let seconds = if self.mix.shapes.is_none() {
+            features.rsa_time_s(filled, grains, attempts)
+        } else {
+            let share = filled / features.rsa_limit(attempts);
+            // Voxels seldom prove that a grain with a shape has no place.
+            let last_draws = if success_probability < UNLIKELY {
+                attempts.map_or(MOST_DRAWS, |attempts| attempts.min(MOST_DRAWS)) as f64
             } else {
-                let share = filled / features.rsa_limit(attempts);
-                // Voxels seldom prove that a grain with a shape has no place.
-                let last_draws = if success_probability < UNLIKELY {
-                    attempts.map_or(MOST_DRAWS, |attempts| attempts.min(MOST_DRAWS)) as f64
-                } else {
-                    0.0
-                };
-                let numbers = (grains, features.ending_share());
-                shapes::random_s(features.form(), self.form.angular, share, numbers, last_draws)
-            }),
-            time_s: 0.0,
-            volume_fraction_with_coating_reach: features.rsa_limit(attempts),
+                0.0
+            };
+            let numbers = (grains, features.ending_share());
+            shapes::random_s(features.form(), self.form.angular, share, numbers, last_draws)
         };
+        let rsa = MethodEstimate::new(success_probability, seconds, features.rsa_limit(attempts));
         let growth = if self.by_moves {
             self.growth_by_moves()
         } else {
-            MethodEstimate {
-                success_probability: features.growth_success(filled, grains, &options),
-                // The largest distance is looked for until growth stalls, or as long as it may.
-                operations: of_s(features.growth_time_s(
-                    if maximize { 1.0 } else { filled },
-                    grains,
-                    options.stop.events,
-                )),
-                time_s: 0.0,
-                volume_fraction_with_coating_reach: features.growth_reach(grains, &options),
-            }
+            // The largest distance is looked for until growth stalls, or as long as it may.
+            let target = if maximize { 1.0 } else { filled };
+            MethodEstimate::new(
+                features.growth_success(filled, grains, &options),
+                features.growth_time_s(target, grains, options.stop.events),
+                features.growth_reach(grains, &options),
+            )
         };
         let mut methods = MethodEstimates { rsa, growth };
         if grains < ONE && self.mix.shapes.is_none() && !maximize {
@@ -198,16 +210,19 @@ impl<'a> Case<'a> {
     /// What growth by moves is likely to do.
     fn growth_by_moves(&self) -> MethodEstimate {
         let (features, grains) = (&self.features, self.grains);
-        let limit = features.moves_limit(grains);
-        let share = (!self.is_without_target()).then_some(self.filled / limit);
-        let time_s = shapes::moves_s(features.form(), self.form.angular, share, grains);
-        let within = model::likely_within(time_s, most_growth_s(self.request));
-        MethodEstimate {
-            success_probability: within * features.moves_success(self.filled, grains),
-            operations: time_s / model::OPERATION_S,
-            time_s: 0.0,
-            volume_fraction_with_coating_reach: limit,
-        }
+        let seconds = shapes::moves_s(features.form(), self.form.angular, self.share_of_moves(), grains);
+        let within = model::likely_within(seconds, most_growth_s(self.request));
+        MethodEstimate::new(
+            within * features.moves_success(self.filled, grains),
+            seconds,
+            features.moves_limit(grains),
+        )
+    }
+
+    /// Share of the volume fraction that nine of ten runs of growth by moves reach; `None` where the grains grow until
+    /// they jam.
+    pub(super) fn share_of_moves(&self) -> Option<f64> {
+        (!self.is_without_target()).then(|| self.filled / self.features.moves_limit(self.grains))
     }
 
     /// Volume fraction, coating included, at which growing grains are expected to jam.
@@ -250,13 +265,16 @@ impl<'a> Case<'a> {
 
     /// What the method of the request is likely to do.
     pub(super) fn of_request(&self, methods: &MethodEstimates) -> MethodEstimate {
+        if methods.grows(&self.request.method) {
+            return methods.growth;
+        }
         match self.request.method {
-            Method::Rsa { .. } => methods.rsa,
-            Method::Auto {} if methods.places_first() => MethodEstimate {
+            // What cannot be added at random grows then.
+            Method::Auto {} => MethodEstimate {
                 success_probability: methods.rsa.success_probability.max(methods.growth.success_probability),
                 ..methods.rsa
             },
-            _ => methods.growth,
+            _ => methods.rsa,
         }
     }
 

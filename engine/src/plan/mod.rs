@@ -4,9 +4,11 @@
 //! (`docs/estimates.md`). A plan draws no random numbers but the templates of angular grains, which have a seed of
 //! their own: the same request has the same plan.
 
+mod checks;
 mod densest;
 mod estimate;
 mod grains;
+mod memory;
 mod model;
 mod random;
 mod rods;
@@ -18,21 +20,16 @@ use std::num::NonZeroUsize;
 use serde::Serialize;
 
 use crate::distance::DistanceRule;
-use crate::elementary::powf;
 use crate::error::PlanError;
-use crate::methods::edmd::LEAST_GROWN_IN_BLOCKS;
-use crate::methods::edmd::{Expected, MAX_GRAINS};
+use crate::methods::edmd::{Expected, LEAST_GROWN_IN_BLOCKS};
 use crate::methods::monte_carlo;
-use crate::methods::rsa::{LEAST_SHARED_GRAINS, MAX_PLACED};
+use crate::methods::rsa::LEAST_SHARED_GRAINS;
 use crate::mix::sieve::sieve_classes;
 use crate::mix::{GradedMix, GradingFigures, curve, deviation, figures_in_specimen};
-use crate::request::{
-    Amount, Distance, FieldError, GrainKind, MIN_SHARE, Method, Mix, PackingRequest, Segregation,
-};
+use crate::request::{Distance, FieldError, Method, PackingRequest, Segregation};
 pub(crate) use densest::Drawing;
 use estimate::{Case, ONE};
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
-use model::OPERATION_S;
 
 /// What a run may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +79,7 @@ pub struct Plan {
     /// Memory that the run will use at its peak.
     pub memory_bytes: u64,
     /// CPU time that the method of the request is likely to take: on a core of 2 GHz, or on the processor of the
-    /// service or the command that made the plan.
+    /// service, the command or the package that made the plan.
     pub estimated_time_s: f64,
     /// Most threads that the run has work for; one where all of its work is sequential.
     #[cfg_attr(feature = "openapi", schema(minimum = 1, maximum = 64))]
@@ -140,52 +137,10 @@ pub struct ClassPlan {
     pub volume_mm3: f64,
 }
 
-/// Densest packing of equal spheres (Kepler; Hales 2005): pi / sqrt(18).
-const EQUAL_SPHERES: f64 = 0.740_480_489_693_061;
-/// Share of the voids that stays when the ratio of diameters grows: an exponent below which no
-/// known packing lies. (Best of binary spheres at a ratio of 4.5: 0.8245, Hopkins et al. 2012;
-/// the curve gives 0.858.)
-const VOIDS_EXPONENT: f64 = -0.4;
-/// Ratio of diameters up to which grains may order like equal ones.
-const NEARLY_EQUAL: f64 = 1.2;
 /// Most threads of one run: with more, the sequential share of the work is most of the time.
 const MOST_THREADS: u32 = 64;
 /// The same for a run that grows: collisions with growth are sequential, and so are the moves at the first cut.
 const MOST_GROWING_THREADS: u32 = 4;
-/// Over random close packing (`rods`), a share that no random packing of a curve was seen to come near: the
-/// densest of the studies lie at 1.0, and where they jam without walls is estimated at 1.10 (`model`).
-const BEYOND_RANDOM: f64 = 1.12;
-
-/// Memory that a run of spheres takes, fitted to peaks of `packstone run` on one thread: Fuller's curve 2..16 mm, B16
-/// above 0.5 mm with up to 2e6 grains, and equal spheres, each placed at random and grown
-/// (`docs/development/measurements-spheres.md`).
-mod cost {
-    /// Bytes of the program: of its 44 MB on the disk, what `packstone run` uses is in memory.
-    pub(super) const BYTES: f64 = 22.5e6;
-    /// Bytes per grain in a loose specimen.
-    pub(super) const BYTES_PER_GRAIN: f64 = 220.0;
-    /// Bytes per grain for the voxels of a crowded one, of equal grains and per spread: 270 bytes in all for equal
-    /// spheres near saturation, 610 to 1570 for Fuller's curve from 0.60 to 0.66.
-    pub(super) const BYTES_PER_CROWDED_GRAIN: f64 = 60.0;
-    pub(super) const BYTES_PER_CROWDED_SPREAD: f64 = 4000.0;
-    /// Bytes per grain while grains grow from a loose start.
-    pub(super) const BYTES_PER_GROWING_GRAIN: f64 = 345.0;
-    /// Bytes per grain of the state of growth where the memory of its random start exceeds it: 500 to 910 bytes in all
-    /// for Fuller's curve from 0.65 to 0.70.
-    pub(super) const BYTES_BESIDE_START: f64 = 140.0;
-}
-
-/// Memory of a run in bytes. `crowding` is the volume fraction that is placed at random, which growth starts from, over
-/// that which random sequential addition reaches, `spread` the standard deviation of ln(d) by volume.
-fn memory_bytes(grains: f64, crowding: f64, spread: f64, grows: bool) -> u64 {
-    let crowded = (crowding.min(1.0) - 0.75).max(0.0);
-    let of_voxels = cost::BYTES_PER_CROWDED_GRAIN + cost::BYTES_PER_CROWDED_SPREAD * spread;
-    let placed = cost::BYTES_PER_GRAIN + of_voxels * (crowded / 0.25).powi(2);
-    let per_grain =
-        if grows { cost::BYTES_PER_GROWING_GRAIN.max(placed + cost::BYTES_BESIDE_START) } else { placed };
-    (cost::BYTES + grains * per_grain) as u64
-}
-
 impl Plan {
     /// Plans a request.
     ///
@@ -220,49 +175,29 @@ impl Plan {
         let rule = DistanceRule::new(&request.distance, &request.specimen);
         // What is scaled until it jams has no volume to miss, and a list no size that must fit.
         if densest.is_none() {
-            check_volume(&mix)?;
+            checks::volume(&mix)?;
         }
-        check_cut_off(&request.mix, &mix)?;
+        checks::cut_off(&request.mix, &mix)?;
         if densest.is_none() || mix.list.is_none() {
-            check_largest(request, &mix, &rule)?;
+            checks::largest(request, &mix, &rule)?;
         }
-        check_maximize(request, &mix)?;
+        checks::largest_distance(request, &mix)?;
         let grains = mix.expected_grains();
         let case = Case::of_mix(request, &mix, &rule).with_jamming(densest.is_some());
         let mut warnings: Vec<String> = Vec::new();
         if densest.is_none() {
-            check_feasible(&case)?;
+            checks::feasible(&case)?;
             warnings.extend(deviation::foresee(&request.mix, &mix).map_err(PlanError::Coarse)?);
         }
 
         let methods = case.methods();
         let likely = case.of_request(&methods);
         let places_first = methods.places_first();
-        let grows = match request.method {
-            Method::Rsa { .. } => false,
-            Method::Auto {} => !places_first,
-            _ => true,
-        };
+        let grows = methods.grows(&request.method);
         let is_maximized =
             matches!((&request.method, &request.distance), (Method::Auto {}, Distance::Maximize { .. }));
-        let by_moves = case.grows_by_moves();
-        let memory_bytes = match &mix.shapes {
-            None if !by_moves => {
-                let features = &case.features;
-                let placed = if grows { case.growth().start_fraction.min(case.filled) } else { case.filled };
-                memory_bytes(grains, placed / features.rsa_limit(None), features.spread(), grows)
-            }
-            shapes => {
-                let share = case.filled / case.features.moves_limit(grains);
-                let grown_to = grows.then_some(if densest.is_some() { 1.0 } else { share });
-                let random =
-                    (methods.rsa.operations * OPERATION_S, methods.rsa.success_probability < UNLIKELY);
-                let of_grains =
-                    shapes::bytes(shapes.as_ref(), grains, case.features.form(), grown_to, random);
-                (cost::BYTES + of_grains) as u64
-            }
-        };
-        check_limits(&case, memory_bytes, limits)?;
+        let memory_bytes = memory::bytes(&case, &methods);
+        checks::limits(&case, memory_bytes, limits)?;
         warnings.extend(unlikely(&case, &likely));
         warnings.extend(mix_warnings(request, &mix, densest.is_some()));
         let cube = densest.map_or(1.0, |drawing| drawing.scale().powi(3));
@@ -303,11 +238,9 @@ impl Plan {
     #[must_use]
     pub fn at_speed(mut self, request: &PackingRequest, speed: f64) -> Self {
         self.methods.set_times(speed, estimate::most_growth_s(request));
-        self.estimated_time_s = match request.method {
-            Method::Rsa { .. } => self.methods.rsa.time_s,
-            Method::Auto {} if self.places_first => self.methods.rsa.time_s,
-            _ => self.methods.growth.time_s,
-        };
+        let methods = &self.methods;
+        let used = if methods.grows(&request.method) { methods.growth } else { methods.rsa };
+        self.estimated_time_s = used.time_s;
         self
     }
 
@@ -325,7 +258,7 @@ impl Plan {
         let mut proposal = case.proposal();
         if densest.is_none() {
             let admits = |case: &Case<'_>, rule: &DistanceRule| {
-                check_largest(case.request, case.mix, rule).is_ok() && check_feasible(case).is_ok()
+                checks::largest(case.request, case.mix, rule).is_ok() && checks::feasible(case).is_ok()
             };
             proposal.specimen = smallest::specimen(request, &mix, admits);
         }
@@ -348,141 +281,6 @@ fn most_threads(case: &Case<'_>, grows: bool) -> u32 {
         && matches!(request.segregation, Segregation::None {})
         && grains >= LEAST_SHARED_GRAINS as f64;
     if is_shared { MOST_THREADS } else { 1 }
-}
-
-/// A list of diameters, and a number of grains, may have more volume than the specimen.
-fn check_volume(mix: &GradedMix) -> Result<(), PlanError> {
-    let phi = mix.volume_fraction_effective;
-    if phi <= 1.0 || mix.has_requested_volume() {
-        return Ok(());
-    }
-    if let Some(count) = mix.numbers.iter().copied().reduce(|a, b| a + b) {
-        let most = (count as f64 / phi).floor();
-        return Err(infeasible(
-            "/mix/count",
-            format!("{count} grains have {phi:.4} times the specimen's volume: must be at most {most}"),
-        ));
-    }
-    Err(infeasible(
-        "/mix/grading/diameters_mm",
-        format!(
-            "the grains have {phi:.4} times the specimen's volume: must be at most 1; mix.volume_fraction \"maximize\" \
-             scales the diameters to the densest packing"
-        ),
-    ))
-}
-
-/// The cut-off must leave a share of the mass that is more than rounding.
-fn check_cut_off(requested: &Mix, mix: &GradedMix) -> Result<(), PlanError> {
-    // With the basis `effective` it is the mixture that has no bounds where nothing is left.
-    let (mixture, effective) = (mix.volume_fraction_mixture, mix.volume_fraction_effective);
-    if mixture.is_finite() && effective >= MIN_SHARE * mixture {
-        return Ok(());
-    }
-    Err(PlanError::Invalid(vec![FieldError {
-        pointer: "/mix/d_min_mm".into(),
-        detail: format!(
-            "{} mm leaves less than {MIN_SHARE:e} of the mass: must lie below a sieve that holds some back",
-            requested.d_min_mm.unwrap_or(mix.d_min_mm)
-        ),
-    }]))
-}
-
-/// The largest grain must fit, with its distance to the walls or to its own image.
-fn check_largest(request: &PackingRequest, mix: &GradedMix, rule: &DistanceRule) -> Result<(), PlanError> {
-    if let Some(of_grains) = &mix.shapes {
-        return shapes::check_largest(request, mix, of_grains, rule);
-    }
-    let d = mix.d_max_mm;
-    let wall = rule.wall_gap_mm(d);
-    let needed = if request.specimen.is_periodic() { d + rule.gap_mm(d, d) } else { d + 2.0 * wall };
-    let Some((pointer, length)) = request.specimen.lengths().into_iter().find(|&(_, length)| needed > length)
-    else {
-        return Ok(());
-    };
-    let with = if needed > d { format!(" ({needed} mm with its distance)") } else { String::new() };
-    let detail = format!("{length} mm is too small: the largest grain is {d} mm{with}, and must fit");
-    Err(invalid(&pointer, detail))
-}
-
-/// A single grain has a largest distance only where that to the walls grows with it.
-fn check_maximize(request: &PackingRequest, mix: &GradedMix) -> Result<(), PlanError> {
-    let fixed_wall = matches!(request.distance, Distance::Maximize { wall_gap_mm: Some(_) });
-    let single = mix.list.as_ref().is_some_and(|list| list.len() < 2);
-    if fixed_wall && single && !request.specimen.is_periodic() {
-        return Err(PlanError::Invalid(vec![FieldError {
-            pointer: "/distance/wall_gap_mm".into(),
-            detail: "a single grain has no distance to maximize but that to the walls: leave wall_gap_mm out"
-                .into(),
-        }]));
-    }
-    Ok(())
-}
-
-fn check_limits(case: &Case<'_>, memory_bytes: u64, limits: &Limits) -> Result<(), PlanError> {
-    let mix = case.mix;
-    let grains = mix.expected_grains();
-    let field = if mix.list.is_some() { "/mix/grading/diameters_mm" } else { "/mix/d_min_mm" };
-    let advice = if mix.list.is_some() { "name fewer" } else { "raise d_min_mm or take a smaller specimen" };
-    let too_large = |detail: String| {
-        Err(PlanError::TooLarge(FieldError { pointer: field.into(), detail: format!("{detail}: {advice}") }))
-    };
-    let of_method = if case.grows_by_moves() { monte_carlo::MAX_GRAINS } else { MAX_GRAINS };
-    let max_grains = limits.max_grains.min(MAX_PLACED).min(of_method as u64);
-    if grains > max_grains as f64 {
-        return too_large(format!(
-            "the mix has about {grains:.0} grains above {} mm: must be at most {max_grains}",
-            mix.d_min_mm
-        ));
-    }
-    if memory_bytes > limits.max_memory_bytes {
-        return too_large(format!(
-            "the mix has about {grains:.0} grains above {} mm, which take about {memory_bytes} bytes of memory: must be at most {}",
-            mix.d_min_mm, limits.max_memory_bytes
-        ));
-    }
-    Ok(())
-}
-
-/// Refuses what no arrangement reaches: more than the densest packing known of spheres of such a range,
-/// or, where sizes follow a curve, more than random packings come near.
-fn check_feasible(case: &Case<'_>) -> Result<(), PlanError> {
-    let (request, filled, effective) = (case.request, case.filled, case.mix.volume_fraction_effective);
-    let ratio = case.features.ratio();
-    let are_spheres = case.mix.shapes.is_none();
-    let (equal, bodies) = match case.mix.kind() {
-        GrainKind::Spheres => (EQUAL_SPHERES, "spheres"),
-        GrainKind::Ellipsoids => (shapes::EQUAL_ELLIPSOIDS, "ellipsoids"),
-        GrainKind::Polyhedra => (shapes::EQUAL_POLYHEDRA, "polyhedra"),
-        GrainKind::Mixed => (shapes::EQUAL_POLYHEDRA, "ellipsoids and polyhedra"),
-    };
-    let mut densest = 1.0 - (1.0 - equal) * powf(ratio, VOIDS_EXPONENT);
-    if are_spheres && case.mix.list.is_none() && ratio > NEARLY_EQUAL {
-        densest = densest.min(BEYOND_RANDOM * case.features.random_close());
-    }
-    if filled <= densest {
-        return Ok(());
-    }
-    let coating = if filled > effective * 1.000_001 {
-        format!(" (with the distance as a coating {filled:.4})")
-    } else {
-        String::new()
-    };
-    let advice = match request.mix.amount() {
-        Amount::List => {
-            "take a larger specimen, list fewer or smaller diameters, or lower the distance; mix.volume_fraction \
-             \"maximize\" scales the diameters to the densest packing"
-        }
-        Amount::Count => "take a larger specimen, or lower the count or the distance",
-        Amount::Volume => "lower the volume fraction or the distance",
-    };
-    Err(infeasible(
-        request.mix.amount_pointer(),
-        format!(
-            "the grains to place have a volume fraction of {effective:.4}{coating}: {bodies} of this range of \
-             diameters (1 : {ratio:.2}) fill at most {densest:.4}; {advice}"
-        ),
-    ))
 }
 
 fn invalid(pointer: &str, detail: String) -> PlanError {

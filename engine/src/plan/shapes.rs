@@ -41,36 +41,17 @@ mod time {
     pub(super) const FALL_OFF: f64 = 10.34;
     /// and the share of the reach that is left at least.
     pub(super) const RANDOM_LEFT: f64 = 0.005;
-    /// Share of the reach by whose time finer grains than those that end the addition are placed.
+    /// Grains that are finer than those that end the addition are timed as at this share of the reach.
     pub(super) const EASY: f64 = 0.6;
     /// A draw of a place that fails, of spheres and of far other shapes beside, in microseconds.
-    pub(super) const DRAW_US: [f64; 2] = [0.7, 4.0];
-    /// Fewer grains take as long as so many: a cycle has a least number of moves.
+    pub(super) const DRAW_US: [f64; 2] = [0.65, 2.2];
+    /// Up to this number of grains the time is the same: a cycle has a least number of moves.
     pub(super) const FEW: f64 = 150.0;
-    /// Times are those of so many grains; more take longer each, by this power of their number.
+    /// Times are those of this number of grains; more take longer each, by this power of their number.
     pub(super) const GRAINS: f64 = 8000.0;
     pub(super) const GRAINS_POWER: f64 = 0.1;
     /// Time of the templates of polyhedra in s.
     pub(super) const TEMPLATES_S: f64 = 0.1;
-}
-
-/// Memory of a run of grains of other shapes, or by moves, measured like times (`docs/estimates.md`, "Memory").
-mod memory {
-    /// Bytes per grain,
-    pub(super) const BYTES: f64 = 800.0;
-    /// and for every corner of it.
-    pub(super) const BYTES_PER_CORNER: f64 = 48.0;
-    /// Grains that are longer or flatter have more cells and neighbours: bytes per grain and `e` of random addition,
-    pub(super) const PLACED_FORM: f64 = 5000.0;
-    /// and per square of `e` of growth, far from the reach and more of it at the reach.
-    pub(super) const GROWN_FORM: f64 = 5000.0;
-    pub(super) const AT_REACH: f64 = 1.7;
-    pub(super) const FAR: f64 = 0.6;
-    /// Voxels that are split where random addition is slow: bytes per second, per second and `e`, and at most, where it
-    /// succeeds and where it does not.
-    pub(super) const SPLIT: f64 = 2.0e6;
-    pub(super) const SPLIT_FORM: f64 = 20.0e6;
-    pub(super) const MOST_SPLIT: [f64; 2] = [67.0e6, 134.0e6];
 }
 
 /// What the estimates of growth by moves are worth for grains of a kind.
@@ -81,32 +62,6 @@ pub(super) fn extrapolation(kind: GrainKind) -> Option<&'static str> {
         GrainKind::Polyhedra => Some("polyhedra, of which few mixes were measured"),
         GrainKind::Mixed => Some("ellipsoids and polyhedra, taken as their mean"),
     }
-}
-
-/// Memory of the grains in bytes: of growth by moves to a share of what it reaches, or else of random addition, which
-/// takes `random_s` and may be unlikely to succeed. `form` is the surface times the mean width over those of spheres.
-pub(super) fn bytes(
-    shapes: Option<&ShapeSampler>,
-    grains: f64,
-    form: f64,
-    grown_to: Option<f64>,
-    (random_s, is_unlikely): (f64, bool),
-) -> f64 {
-    let e = form - 1.0;
-    let (templates, corners) = shapes
-        .into_iter()
-        .flat_map(ShapeSampler::templates)
-        .fold((0.0, 0.0), |(n, corners), template| (n + 1.0, corners + template.vertices().len() as f64));
-    let corners = if templates > 0.0 { corners / templates } else { 0.0 };
-    let per_grain = memory::BYTES + memory::BYTES_PER_CORNER * corners;
-    let Some(share) = grown_to else {
-        let split = (memory::SPLIT + memory::SPLIT_FORM * e) * random_s;
-        return grains * (per_grain + memory::PLACED_FORM * e)
-            + split.min(memory::MOST_SPLIT[usize::from(is_unlikely)]);
-    };
-    let near = ((share.min(1.0) - memory::FAR) / (1.0 - memory::FAR)).max(0.0);
-    let at_reach = 1.0 + (memory::AT_REACH - 1.0) * near;
-    grains * (per_grain + memory::GROWN_FORM * e * e * at_reach)
 }
 
 /// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` is
@@ -120,8 +75,8 @@ pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) 
     templates_s(angular) + of_grains_s(us, grains.max(time::FEW)) * steps
 }
 
-/// The same of random addition of shaped grains, of which a share of the number finds places as hard as those that end
-/// it. Where it is not expected to succeed, its last grain has `last_draws` draws.
+/// The same of random addition of shaped grains. `ending_share` of the grains are at least as large as those that end
+/// it; finer ones find places easily. Where it is not expected to succeed, its last grain has `last_draws` draws.
 pub(super) fn random_s(
     form: f64,
     angular: f64,

@@ -286,6 +286,33 @@ fn the_most_templates_are_planned_alike_each_time() {
     assert!(planned.grains > 0.0 && plan(&wanted).unwrap().grains == planned.grains);
 }
 
+/// `repairs.md` A4: random addition that fails makes all draws for its last grain.
+#[test]
+fn random_addition_that_fails_is_forecast_to_its_end() {
+    // Axes, grains, CPU time in s and peak in MB (docs/estimates.md, "Memory").
+    let measured = [
+        ([10.0, 1.0, 1.0], 40, 68.0, 70.0),
+        ([1.0, 0.95, 0.9], 40, 12.3, 126.0),
+        ([1.0, 0.8, 0.67], 60, 14.0, 118.0),
+    ];
+    for (axes, count, took_s, peak_mb) in measured {
+        let value = json!({
+            "specimen": {"type": "box", "size_mm": [15, 15, 15], "boundary": "periodic"},
+            "mix": {"grading": {"type": "monodisperse", "diameter_mm": 4}, "count": count, "size": "equivalent",
+                "allow_coarse": true, "shape": ellipsoids(axes)},
+            "method": {"type": "rsa"},
+        });
+        let plan = plan(&PackingRequest::from_json(&value, 1).unwrap()).unwrap();
+        assert!(
+            (0.6..1.7).contains(&(plan.estimated_time_s / took_s)),
+            "{axes:?}: {}",
+            plan.estimated_time_s
+        );
+        let over = plan.memory_bytes as f64 * 1e-6 / peak_mb;
+        assert!((1.0..1.3).contains(&over), "{axes:?}: {over}");
+    }
+}
+
 #[test]
 fn times_of_mixtures_are_those_measured() {
     let sphere = json!({"type": "sphere"});

@@ -198,3 +198,43 @@ fn growth_without_a_target_is_expected_to_go_on_until_grains_jam() {
     let growth = plan(&value).unwrap().growth;
     assert!(growth.events_per_grain > 100.0 * growth.start_work, "{growth:?}");
 }
+
+/// Times follow from the speed of the processor and end with the limit of the request; nothing else does.
+#[test]
+fn a_plan_on_another_processor_has_other_times_alone() {
+    let mut value = box_of(80.0, &standard("A16", 2.0, 0.8), &json!({"type": "none"}));
+    for method in ["auto", "rsa", "edmd", "monte_carlo"] {
+        value["method"] = json!({"type": method});
+        let request = PackingRequest::from_json(&value, 1).unwrap();
+        let plan = Plan::new(&request, &Limits::default()).unwrap();
+        let slow = plan.clone().at_speed(&request, 0.25);
+        let close = |time_s: f64, other_s: f64| (time_s / other_s - 1.0).abs() < 1e-9;
+        assert!(close(slow.estimated_time_s, 4.0 * plan.estimated_time_s), "{method}");
+        assert!(close(slow.methods.rsa.time_s, 4.0 * plan.methods.rsa.time_s), "{method}");
+        assert_eq!(slow.methods.rsa.operations, plan.methods.rsa.operations);
+        assert_eq!(slow.methods.growth.operations, plan.methods.growth.operations);
+        assert_eq!(slow.clone().at_speed(&request, 1.0), plan);
+    }
+    value["method"] = json!({"type": "edmd", "stop": {"time_s": 0.01}});
+    let request = PackingRequest::from_json(&value, 1).unwrap();
+    let plan = Plan::new(&request, &Limits::default()).unwrap();
+    assert_eq!([1.0, 1e-3].map(|speed| plan.clone().at_speed(&request, speed).estimated_time_s), [0.01; 2]);
+}
+
+/// A loose mix is added at random, and the most that `auto` packs is what growth reaches.
+#[test]
+fn a_proposal_of_auto_is_what_the_better_method_reaches() {
+    let proposed = |method: &str| {
+        let mut value = box_of(80.0, &standard("A16", 2.0, 0.3), &json!({"type": "none"}));
+        value["mix"]["volume_fraction_of"] = json!("placed_grains");
+        value["method"] = json!({"type": method});
+        let request = PackingRequest::from_json(&value, 1).unwrap();
+        let plan = Plan::new(&request, &Limits::default()).unwrap().with_proposal(&request);
+        (plan.proposal.unwrap().volume_fraction.unwrap(), plan)
+    };
+    let [(by_auto, auto), (by_rsa, rsa), (by_growth, _)] = ["auto", "rsa", "growth"].map(proposed);
+    assert!(auto.places_first && by_auto == by_growth && by_growth > by_rsa + 0.03, "{by_auto} {by_rsa}");
+    // The reach has no margin for the error of the forecast, the proposal has.
+    let reach = rsa.methods.rsa.volume_fraction_with_coating_reach;
+    assert!(by_rsa < reach && by_rsa > reach - 0.02, "{by_rsa} {reach}");
+}

@@ -45,6 +45,7 @@ use crate::failure::{Failure, FailureCode};
 use crate::jobs::{JobRequest, request};
 use crate::plots::PlotError;
 use crate::problem::FailureDocument;
+use crate::processor;
 use crate::strict_json;
 
 pub use packed::{Packed, companion};
@@ -172,7 +173,8 @@ impl Job {
     pub fn plan(&self) -> Result<String, Ended> {
         let packing = self.request.packing();
         let packing = TEMPLATES.attached(&packing);
-        let plan = TEMPLATES.plan(&packing, &self.limits).map_err(Failure::from)?.with_proposal(&packing);
+        let plan = TEMPLATES.plan(&packing, &self.limits).map_err(Failure::from)?;
+        let plan = plan.at_speed(&packing, processor::speed()).with_proposal(&packing);
         let exports = planned(self.request.exports(), &packing, &plan);
         to_json(&JobPlan { plan, exports })
     }
