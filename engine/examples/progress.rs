@@ -1,13 +1,14 @@
 //! How well the reported progress follows the time that a run takes: the table of `docs/estimates.md`.
 //!
 //!     cargo run --release -p packstone-engine --features examples --example progress -- \
-//!         [--seeds N] [--samples DIR] [CASE ...]
+//!         [--seeds N] [--samples DIR] [--requests FILE] [CASE ...]
 //!
 //! The program packs every case with several seeds and samples the reported fraction and the CPU time of the thread. It
 //! prints, for each case, the median and the largest difference between the fraction and the share of time, and the
 //! median factor between the predicted and the true remaining time, over the samples between 20 and 90 % of the time.
 //! CPU time is read from `/proc` (Linux), so other programs on the machine do not disturb the measurement. With
-//! `--samples`, all samples of each run are written as CSV.
+//! `--samples`, all samples of each run are written as CSV. With `--requests`, the cases are those of a file that has one
+//! `{"name": …, "request": …}` a line.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -24,17 +25,23 @@ const JUDGED: std::ops::RangeInclusive<f64> = 0.2..=0.9;
 fn main() -> Result<(), Box<dyn Error>> {
     let mut seeds = 5;
     let mut samples: Option<PathBuf> = None;
+    let mut requests: Option<PathBuf> = None;
     let mut wanted: Vec<String> = Vec::new();
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--seeds" => seeds = arguments.next().ok_or("--seeds needs a number")?.parse()?,
             "--samples" => samples = Some(arguments.next().ok_or("--samples needs a folder")?.into()),
+            "--requests" => requests = Some(arguments.next().ok_or("--requests needs a file")?.into()),
             _ => wanted.push(argument),
         }
     }
     println!("case               seed  end       time, s  median |f - s|  largest  median ETA factor");
-    for (name, request) in cases() {
+    let cases = match &requests {
+        Some(file) => fs::read_to_string(file)?.lines().map(case).collect::<Result<_, _>>()?,
+        None => cases(),
+    };
+    for (name, request) in cases {
         if !wanted.is_empty() && !wanted.iter().any(|w| name.contains(w.as_str())) {
             continue;
         }
@@ -67,8 +74,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// A case of a line of JSON: its `name` and its `request`.
+fn case(line: &str) -> Result<(String, Value), Box<dyn Error>> {
+    let mut value: Value = serde_json::from_str(line)?;
+    Ok((value["name"].as_str().ok_or("a case needs a name")?.into(), value["request"].take()))
+}
+
 /// The cases with their names.
-fn cases() -> Vec<(&'static str, Value)> {
+fn cases() -> Vec<(String, Value)> {
     let cube = |edge: f64| json!({"type": "box", "size_mm": [edge, edge, edge]});
     let fuller = |edge: f64, phi: f64, method: Value| {
         json!({
@@ -90,7 +103,7 @@ fn cases() -> Vec<(&'static str, Value)> {
     let rsa = || json!({"type": "rsa"});
     let apart = || json!({"type": "constant", "gap_mm": 1.0});
     let maximize = || json!({"type": "maximize"});
-    vec![
+    [
         ("fuller-0.66", fuller(80.0, 0.66, edmd())),
         ("fuller-0.70", fuller(80.0, 0.70, edmd())),
         ("fuller-0.725", fuller(80.0, 0.725, edmd())),
@@ -109,6 +122,8 @@ fn cases() -> Vec<(&'static str, Value)> {
             value
         }),
     ]
+    .map(|(name, request)| (name.into(), request))
+    .into()
 }
 
 /// What was reported at one moment.

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::Checkpoint;
-use crate::elementary::powf;
 
 /// What a run is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -135,7 +134,6 @@ pub struct Part<'a> {
     whole: &'a dyn Control,
     from: f64,
     to: f64,
-    exponent: f64,
     /// The largest fraction of the part that was reported, as the bits of a float.
     largest: AtomicU64,
 }
@@ -143,13 +141,7 @@ pub struct Part<'a> {
 impl<'a> Part<'a> {
     /// The part of a whole from one fraction to another.
     pub fn new(whole: &'a dyn Control, from: f64, to: f64) -> Self {
-        Self { whole, from, to, exponent: 1.0, largest: AtomicU64::new(0) }
-    }
-
-    /// The same part, where the time grows as this power of the reported fraction.
-    #[must_use]
-    pub fn with_exponent(self, exponent: f64) -> Self {
-        Self { exponent, ..self }
+        Self { whole, from, to, largest: AtomicU64::new(0) }
     }
 
     /// The largest fraction of the whole that was reported.
@@ -161,8 +153,7 @@ impl<'a> Part<'a> {
 impl Control for Part<'_> {
     fn report(&self, progress: &Progress) {
         // Bits of floats that are not negative have the order of the floats.
-        let fraction = powf(progress.fraction.max(0.0), self.exponent);
-        self.largest.fetch_max(fraction.to_bits(), Ordering::Relaxed);
+        self.largest.fetch_max(progress.fraction.max(0.0).to_bits(), Ordering::Relaxed);
         self.whole.report(&Progress { fraction: self.reached(), ..progress.clone() });
     }
 
@@ -265,10 +256,8 @@ mod tests {
         }
         assert!(part.should_stop() && part.wants_checkpoint());
         assert_eq!(part.reached(), 1.0);
-        let squared = Part::new(&heard, 0.0, 1.0).with_exponent(2.0);
-        squared.report(&at(0.5));
         let heard = heard.0.into_inner().unwrap_or_default();
-        assert_eq!(heard, [0.5, 0.75, 0.75, 0.75, 0.75, 1.0, 0.25]);
+        assert_eq!(heard, [0.5, 0.75, 0.75, 0.75, 0.75, 1.0]);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::grains;
 use super::model::{self, Features, LIKELY, STALL_EVENTS, bisect};
+use super::random::{self, Crowding};
 use super::{UNLIKELY, shapes};
 use crate::distance::DistanceRule;
 use crate::elementary::log10;
@@ -223,6 +224,15 @@ impl<'a> Case<'a> {
     /// they jam.
     pub(super) fn share_of_moves(&self) -> Option<f64> {
         (!self.is_without_target()).then(|| self.filled / self.features.moves_limit(self.grains))
+    }
+
+    /// How full the specimen is for each size, from coarse to fine, when its grains are added at random.
+    pub(super) fn crowding(&self) -> Vec<Crowding> {
+        let rule = DistanceRule::new(&self.request.distance, &self.request.specimen);
+        let (factor, offset) = rule.enlargement(self.mix.d_min_mm);
+        let sizes = grains::sizes(self.mix, self.form, factor, offset);
+        let walls_per_mm = self.request.specimen.domain().walls_per_mm();
+        random::crowding(&sizes, walls_per_mm, self.form.angular, self.filled)
     }
 
     /// Volume fraction, coating included, at which growing grains are expected to jam.

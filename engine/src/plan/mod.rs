@@ -30,6 +30,7 @@ use crate::request::{Distance, FieldError, Method, PackingRequest, Segregation};
 pub(crate) use densest::Drawing;
 use estimate::{Case, ONE};
 pub use estimate::{MethodEstimate, MethodEstimates, Proposal};
+pub(crate) use random::Crowding;
 
 /// What a run may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,6 +136,12 @@ pub struct ClassPlan {
     pub grains: f64,
     /// Volume that the grading curve asks for.
     pub volume_mm3: f64,
+}
+
+/// How full the specimen is for each size, from coarse to fine, when the grains of a mix are added at random.
+pub(crate) fn crowding(request: &PackingRequest, mix: &GradedMix) -> Vec<Crowding> {
+    let rule = DistanceRule::new(&request.distance, &request.specimen);
+    Case::of_mix(request, mix, &rule).crowding()
 }
 
 /// Most threads of one run: with more, the sequential share of the work is most of the time.

@@ -52,17 +52,52 @@ pub(super) struct Reach {
     pub(super) ending_share: f64,
 }
 
+/// How full a specimen is for grains of one size when the first and when the last of them is added.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Crowding {
+    /// Number of the grains that are at least as large.
+    pub(crate) number: f64,
+    /// The sum above over what its right side leaves: the last grain for which it is 1 just finds a place.
+    pub(crate) first: f64,
+    pub(crate) last: f64,
+}
+
 /// The reach for the proportions of these sizes, from fine to coarse, a share of them angular.
 pub(super) fn reach(sizes: &[Size], walls_per_mm: f64, angular: f64) -> Reach {
+    let (mut largest, mut ending, mut number) = (0.0, 0.0, 0.0);
+    for_each_size(sizes, walls_per_mm, angular, |crowding| {
+        number = crowding.number;
+        if crowding.last > largest {
+            (largest, ending) = (crowding.last, number);
+        }
+    });
+    if largest > 0.0 {
+        Reach { volume_fraction: 1.0 / largest, ending_share: ending / number }
+    } else {
+        Reach { volume_fraction: 0.0, ending_share: 1.0 }
+    }
+}
+
+/// Crowding by size, from coarse to fine, at a volume fraction with coating.
+pub(super) fn crowding(sizes: &[Size], walls_per_mm: f64, angular: f64, filled: f64) -> Vec<Crowding> {
+    let mut all = Vec::new();
+    for_each_size(sizes, walls_per_mm, angular, |Crowding { number, first, last }| {
+        all.push(Crowding { number, first: filled * first, last: filled * last });
+    });
+    all
+}
+
+/// The crowding of each size, from coarse to fine, where the grains fill all of the volume.
+fn for_each_size(sizes: &[Size], walls_per_mm: f64, angular: f64, mut see: impl FnMut(Crowding)) {
     let all: f64 = sizes.iter().map(|size| size.number * size.diameter.powi(3)).sum();
     let (mut volume, mut near, mut close, mut number) = (0.0, 0.0, 0.0, 0.0);
-    let (mut least, mut ending) = (f64::INFINITY, 0.0);
     for size in sizes.iter().rev() {
         let share = size.number * size.diameter.powi(3) / all;
         let [surface, width] = [size.surface, size.width].map(ln);
         let aspherical = 1.0 - exp(-(surface + width) / SMALL);
         let shape = exp((ASPHERICAL + ANGULAR * angular) * aspherical + SURFACE * surface + WIDTH * width);
         let [to_near, to_close] = [NEAR_POWER, CLOSE_POWER].map(|power| exp(power * ln(size.diameter)));
+        let before = volume + NEAR * near * to_near + CLOSE * close * to_close;
         volume += share;
         near += share * shape / to_near;
         close += share * shape / to_close;
@@ -70,14 +105,7 @@ pub(super) fn reach(sizes: &[Size], walls_per_mm: f64, angular: f64) -> Reach {
         let taken = volume + NEAR * near * to_near + CLOSE * close * to_close;
         let left =
             (1.0 - WALLS * walls_per_mm * size.diameter).max(LEAST) * (1.0 - FEW / number.max(1.0).sqrt());
-        if left / taken < least {
-            (least, ending) = (left / taken, number);
-        }
-    }
-    if least.is_finite() {
-        Reach { volume_fraction: least, ending_share: ending / number }
-    } else {
-        Reach { volume_fraction: 0.0, ending_share: 1.0 }
+        see(Crowding { number, first: before / left, last: taken / left });
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::insertion::Insertion;
 use super::partial::Short;
 use super::{
     Growing, PACKING_SHARE, Placed, distance_asked_mm, finish_reason, fraction_of, not_grown, stopped,
@@ -12,12 +13,10 @@ use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, Targ
 use crate::memory::OutOfMemory;
 use crate::methods::addition::{self, End};
 use crate::methods::growth::{Interrupted, Outcome};
+use crate::mix::GradedMix;
 use crate::packing::{Grains, GrowthEnd, MethodUsed, PartialReason, Statistics};
+use crate::plan;
 use crate::request::{Distance, GrowthBy, GrowthOptions, Method, OnLimit};
-
-/// Random sequential addition takes time as this power of the share of grains inserted: the last ones, small and in a
-/// crowded specimen, take longest.
-const RSA_TIME_EXPONENT: f64 = 1.5;
 
 /// Which methods are tried.
 enum Route {
@@ -44,6 +43,9 @@ pub(super) trait Job<'a> {
 
     fn run(&self) -> Growing<'a>;
 
+    /// The mix that the grains are drawn from.
+    fn mix(&self) -> &GradedMix;
+
     /// Volume of the specimen in mm³.
     fn specimen_mm3(&self) -> f64;
 
@@ -66,6 +68,10 @@ pub(super) trait Job<'a> {
         is_alone: bool,
         control: &StopToFinish<'_>,
     ) -> Result<addition::Outcome<Self::Place>, OutOfMemory>;
+
+    /// Looks at the control that random addition takes at most for one grain; infinite where nothing but the proof that
+    /// there is no place ends it.
+    fn most_looks(&self, attempts_per_grain: Option<u64>, is_alone: bool) -> f64;
 
     /// Grows the grains.
     ///
@@ -130,11 +136,12 @@ fn insert<'a>(
     control: &dyn Control,
 ) -> Result<Placed, PackError> {
     let start = Instant::now();
-    let part = Part::new(control, 0.0, 1.0).with_exponent(RSA_TIME_EXPONENT);
+    let crowding = plan::crowding(job.run().request, job.mix());
+    let insertion = Insertion::new(control, &crowding, job.most_looks(attempts_per_grain, is_alone));
     let addition::Outcome { placed: places, statistics, end } =
-        job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&part))?;
+        job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&insertion))?;
     let placed = places.len();
-    let short = kept_insertion(&job.run(), end, placed, &part);
+    let short = kept_insertion(&job.run(), end, placed, control);
     if end == End::Complete || short.is_some() {
         return Ok(Placed {
             grains: job.grains(places)?,

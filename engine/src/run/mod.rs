@@ -11,6 +11,7 @@ mod densest_tests;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod growth_tests;
+mod insertion;
 mod job;
 mod kept;
 mod own;

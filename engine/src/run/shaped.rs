@@ -11,7 +11,7 @@ use crate::memory::{OutOfMemory, collected, reserved};
 use crate::methods::addition;
 use crate::methods::growth::{Interrupted, Outcome};
 use crate::methods::monte_carlo::{self, MonteCarlo};
-use crate::methods::rsa_shapes::{AttemptsIn, MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
+use crate::methods::rsa_shapes::{self, AttemptsIn, MOST_DRAWS, MOST_DRAWS_BEFORE_GROWTH, ShapeRsa};
 use crate::mix::{GradedMix, draw_orientation};
 use crate::packing::{Grains, Solids};
 use crate::request::{Distance, FieldError, GrowthBy, GrowthOptions, OnLimit, PackingRequest};
@@ -71,6 +71,11 @@ fn place_shapes<S: ConvexShape>(
 ) -> Result<Placed, PackError> {
     check_number(job.run.request, &job.shapes, job.mix.list.is_some())?;
     place_job(job, resume, control)
+}
+
+/// Draws for one grain; `is_alone` where no growth follows a failure.
+fn most_draws(is_alone: bool) -> u64 {
+    if is_alone { MOST_DRAWS } else { MOST_DRAWS_BEFORE_GROWTH }
 }
 
 /// Refuses more grains than can be named beside their images.
@@ -148,6 +153,10 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
         self.run
     }
 
+    fn mix(&self) -> &GradedMix {
+        self.mix
+    }
+
     fn specimen_mm3(&self) -> f64 {
         self.mix.specimen_volume_mm3
     }
@@ -182,9 +191,14 @@ impl<'a, S: ConvexShape> Job<'a> for ShapeJob<'a, S> {
             orientation: &|rng| draw_orientation(&orientation, rng),
         };
         let preference = preference(request, &self.shapes)?;
-        let most_draws = if is_alone { MOST_DRAWS } else { MOST_DRAWS_BEFORE_GROWTH };
+        let most_draws = most_draws(is_alone);
         let mut rng = stream(request.seed, Stream::Rsa);
         Ok(rsa.run_with(None, preference.as_ref(), most_draws, &mut rng, control))
+    }
+
+    fn most_looks(&self, attempts_per_grain: Option<u64>, is_alone: bool) -> f64 {
+        let most = attempts_per_grain.unwrap_or_else(|| most_draws(is_alone));
+        most as f64 / rsa_shapes::DRAWS_PER_LOOK as f64
     }
 
     fn grow(

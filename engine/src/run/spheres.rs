@@ -11,7 +11,7 @@ use crate::memory::{OutOfMemory, collected, copied};
 use crate::methods::addition;
 use crate::methods::edmd::Edmd;
 use crate::methods::growth::{Interrupted, Outcome};
-use crate::methods::rsa::Rsa;
+use crate::methods::rsa::{self, Rsa};
 use crate::mix::{GradedMix, sphere_volume};
 use crate::packing::{Grains, Spheres};
 use crate::request::{GrowthBy, GrowthOptions};
@@ -32,6 +32,10 @@ impl<'a> Job<'a> for SphereJob<'a> {
 
     fn run(&self) -> Growing<'a> {
         self.run
+    }
+
+    fn mix(&self) -> &GradedMix {
+        self.mix
     }
 
     fn specimen_mm3(&self) -> f64 {
@@ -67,6 +71,10 @@ impl<'a> Job<'a> for SphereJob<'a> {
             threads: self.run.threads,
         };
         Ok(rsa.run(&mut stream(request.seed, Stream::Rsa), control))
+    }
+
+    fn most_looks(&self, attempts_per_grain: Option<u64>, _: bool) -> f64 {
+        attempts_per_grain.map_or(f64::INFINITY, |most| most as f64 / rsa::DRAWS_PER_LOOK as f64)
     }
 
     fn grow(

@@ -54,7 +54,7 @@ const EXACT_AFTER: u64 = 1000;
 /// violation in the last digit.
 const ROUNDING_MARGIN: f64 = 1.0 + 8.0 * f64::EPSILON;
 /// Draws between two looks at the control.
-const DRAWS_PER_LOOK: u64 = 8192;
+pub(crate) const DRAWS_PER_LOOK: u64 = 8192;
 /// Fewest grains of a run whose work is worth to be shared by threads.
 pub(crate) const LEAST_SHARED_GRAINS: usize = 100_000;
 

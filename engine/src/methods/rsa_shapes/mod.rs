@@ -48,7 +48,7 @@ use search::Search;
 use voxels::Voxels;
 
 /// Draws between two looks at the control: less than a millisecond.
-const DRAWS_PER_LOOK: u64 = 2000;
+pub(crate) const DRAWS_PER_LOOK: u64 = 2000;
 /// Grains of a stage differ by less than this factor in equivalent diameter, and by less than the other where the last
 /// stage took few draws per grain.
 const STAGE_RATIO: f64 = 1.1;

@@ -96,9 +96,14 @@ impl Record {
         self.runs.iter().filter(move |run| run.purpose == purpose)
     }
 
+    /// What a method reaches, where its runs tell: the end is not one of their time.
     fn reach(&self, method: &str) -> Option<f64> {
-        let [low, high] = if method == "rsa" { self.rsa? } else { self.growth? };
-        (high - low < 4.0 * PRECISION).then_some((low + high) / 2.0)
+        let is_rsa = method == "rsa";
+        let [low, high] = if is_rsa { self.rsa? } else { self.growth? };
+        let mut at_high =
+            self.of(Purpose::Reach).filter(|run| (run.method == "rsa") == is_rsa && run.filled == high);
+        let is_cut = at_high.any(|run| run.outcome.end == End::Cut);
+        (high - low < 4.0 * PRECISION && !is_cut).then_some((low + high) / 2.0)
     }
 }
 

@@ -117,7 +117,8 @@ fn add(found: &mut Found, drawn: &Drawn, record: &Record) -> Result<Value, Failu
             found.eta_null.push(progress.eta_null);
         }
     }
-    found.proposals.extend(record.of(Purpose::Proposal).map(|run| run.outcome.end == End::Succeeded));
+    let proposals = record.of(Purpose::Proposal).filter(is_whole);
+    found.proposals.extend(proposals.map(|run| run.outcome.end == End::Succeeded));
     Ok(json!({
         "number": record.number, "kind": record.kind, "method": record.method, "filled": at_request,
         "grains": plan.as_ref().map(|plan| plan.grains),
