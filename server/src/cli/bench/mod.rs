@@ -1,7 +1,7 @@
 //! `packstone bench`: the engine's figures on this machine, as a table beside what they should be.
 //!
 //! Every case runs in a process of its own, so that its peak of memory is its own. The kernels are measured by `cargo
-//! bench -p packstone-engine`. `forecast` compares plans with runs. `cases` lists what is measured, `measure`
+//! bench -p packstone-engine`. `forecast` compares plans, and progress, with runs. `cases` lists what is measured, `measure`
 //! measures it, `ladder` finds the highest amount that is reached, `meter` reads the clocks. The table knows problems
 //! and how they ended; it must never know how they are computed.
 
@@ -28,7 +28,8 @@ use cases::{Case, cases};
 #[derive(Args)]
 pub(super) struct Options {
     /// Run only the cases whose name contains this (`rsa`, `edmd` and `shapes` are the groups), or the one case
-    /// of exactly this name; `forecast` compares forecasts with runs instead
+    /// of exactly this name; `forecast` compares forecasts with runs instead, `progress` the progress of jobs of all
+    /// kinds with their time
     #[arg(long)]
     only: Option<String>,
     /// Seeds of each case, instead of its own number
@@ -106,6 +107,9 @@ pub(super) fn run(options: &Options) -> Result<(), Failure> {
             most_grains: options.most_grains,
             json: options.json,
         });
+    }
+    if options.only.as_deref() == Some("progress") {
+        return forecast::run_jobs(options.draw, options.json);
     }
     let cases = cases();
     if let Some(name) = &options.case {

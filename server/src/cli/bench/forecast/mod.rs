@@ -3,9 +3,10 @@
 //! `draw` makes the requests, `packing` runs one in a process of its own, and this module looks for what the methods
 //! reach: the volume fraction with coating that 90 % of the runs reach, by bisection. Each request has a record, a file
 //! of JSON, in the folder that `--resume` names. What was measured stays; what plans say is computed anew, so that a
-//! changed model is judged by the same runs. `table` makes the figures.
+//! changed model is judged by the same runs. `table` makes the figures; `jobs` follows the progress of jobs of all kinds.
 
 mod draw;
+mod jobs;
 mod packing;
 mod table;
 
@@ -21,8 +22,9 @@ use super::super::print;
 use super::meter::Stopwatch;
 use crate::telemetry::say;
 use draw::{Drawn, draw};
+pub(super) use jobs::run as run_jobs;
 pub(super) use packing::from_input;
-use packing::{End, Outcome, in_own_process};
+use packing::{End, Outcome, Task, in_own_process};
 
 /// Width of the bracket in which a reach is found.
 const PRECISION: f64 = 0.004;
@@ -53,6 +55,13 @@ pub(super) struct Options<'a> {
     pub(super) runs: u64,
     pub(super) most_grains: f64,
     pub(super) json: bool,
+}
+
+impl Options<'_> {
+    /// Packs a request in a process of its own.
+    fn run(&self, request: &Value, seed: u64) -> Result<Outcome, Failure> {
+        in_own_process(&Task { request: request.clone(), seed, most_cpu_s: self.budget_s, export: None })
+    }
 }
 
 /// What was measured of a request.
@@ -226,7 +235,7 @@ fn search(
         let (mut runs, mut jammed) = (before, None);
         let mut succeeds = true;
         while succeeds && runs < if is_narrow(filled) { all } else { 1 } {
-            let outcome = in_own_process(&request, 1 + runs + 100 * level as u64, options.budget_s)?;
+            let outcome = options.run(&request, 1 + runs + 100 * level as u64)?;
             spent_s += outcome.cpu_s;
             succeeds = outcome.end == End::Succeeded;
             jammed = outcome.reached.map(|share| share * filled);
@@ -279,7 +288,7 @@ fn repeat(
     };
     let mut spent_s = 0.0;
     for run in 0..options.runs {
-        let outcome = in_own_process(&request, 1001 + run, options.budget_s)?;
+        let outcome = options.run(&request, 1001 + run)?;
         spent_s += outcome.cpu_s;
         let method = record.method.clone();
         record.runs.push(Run { purpose, method, filled, outcome });

@@ -1,12 +1,13 @@
-//! One packing in a process of its own: how it ended, what it took, and how true its progress was.
+//! One packing, or one export of a packing, in a process of its own: how it ended, what it took, and how true its progress was.
 
 use std::io::{Read, Write};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::time::Duration;
 
+use packstone_engine::export::{ExportError, ExportRequest, Model};
 use packstone_engine::{
-    Control, Limits, PackError, PackingRequest, PlanError, Progress, TargetNotReached, pack,
+    Control, Limits, PackError, PackingRequest, PlanError, Progress, TargetNotReached, Unattended, pack,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -22,10 +23,13 @@ const JUDGED: [f64; 2] = [0.2, 0.9];
 
 /// What a process packs.
 #[derive(Serialize, Deserialize)]
-struct Task {
-    request: Value,
-    seed: u64,
-    most_cpu_s: f64,
+pub(super) struct Task {
+    pub(super) request: Value,
+    pub(super) seed: u64,
+    pub(super) most_cpu_s: f64,
+    /// An export to make of the packing, whose figures are those of the export.
+    #[serde(default)]
+    pub(super) export: Option<Value>,
 }
 
 /// How a run ended.
@@ -65,17 +69,16 @@ pub(super) struct Followed {
 }
 
 /// Packs in a process of its own.
-pub(super) fn in_own_process(request: &Value, seed: u64, most_cpu_s: f64) -> Result<Outcome, Failure> {
+pub(super) fn in_own_process(task: &Task) -> Result<Outcome, Failure> {
     let mut command = Command::new(std::env::current_exe()?);
     let mut child =
         command.args(["bench", "--packing"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
-    let task = Task { request: request.clone(), seed, most_cpu_s };
     if let Some(mut input) = child.stdin.take() {
-        input.write_all(serde_json::to_string(&task)?.as_bytes())?;
+        input.write_all(serde_json::to_string(task)?.as_bytes())?;
     }
     let output = child.wait_with_output()?;
     if !output.status.success() {
-        return Err(format!("a packing ended with {}: {request}", output.status).into());
+        return Err(format!("a packing ended with {}: {}", output.status, task.request).into());
     }
     Ok(serde_json::from_slice(&output.stdout)?)
 }
@@ -91,16 +94,10 @@ pub(in super::super) fn from_input() -> Result<String, Failure> {
 fn run(task: &Task) -> Result<Outcome, Failure> {
     let request = PackingRequest::from_json(&task.request, task.seed)
         .map_err(|faults| faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))?;
-    let follower = Follower {
-        watch: Stopwatch::start(),
-        most_cpu_s: task.most_cpu_s,
-        looks: Mutex::new(Looks {
-            remaining: RemainingTime::default(),
-            every: 1,
-            calls: 0,
-            kept: Vec::new(),
-        }),
-    };
+    if let Some(export) = &task.export {
+        return exported(&request, export, task.most_cpu_s);
+    }
+    let follower = Follower::start(task.most_cpu_s);
     let packed = pack(&request, &Limits::default(), &follower);
     let cpu_s = follower.watch.taken().cpu_s;
     let (mut operations, mut reached) = (0, None);
@@ -127,6 +124,28 @@ fn run(task: &Task) -> Result<Outcome, Failure> {
         peak_mb: peak_mb().unwrap_or(0.0),
         operations,
         reached,
+        progress: follower.followed(cpu_s),
+    })
+}
+
+/// Packs, and makes an export of the packing, which is followed.
+fn exported(request: &PackingRequest, export: &Value, most_cpu_s: f64) -> Result<Outcome, Failure> {
+    let export = ExportRequest::from_json(export).map_err(|faults| format!("{faults:?}"))?;
+    let packing = pack(request, &Limits::default(), &Unattended)?;
+    let model = Model::new(&request.specimen, &packing.grains);
+    let follower = Follower::start(most_cpu_s);
+    let end = match export.write(&model, &Limits::default(), &follower, &mut std::io::sink()) {
+        Ok(_) => End::Succeeded,
+        Err(ExportError::Stopped) => End::Cut,
+        Err(fault) => return Err(fault.to_string().into()),
+    };
+    let cpu_s = follower.watch.taken().cpu_s;
+    Ok(Outcome {
+        end,
+        cpu_s,
+        peak_mb: peak_mb().unwrap_or(0.0),
+        operations: 0,
+        reached: None,
         progress: follower.followed(cpu_s),
     })
 }
@@ -174,6 +193,11 @@ impl Control for Follower {
 }
 
 impl Follower {
+    fn start(most_cpu_s: f64) -> Self {
+        let looks = Looks { remaining: RemainingTime::default(), every: 1, calls: 0, kept: Vec::new() };
+        Self { watch: Stopwatch::start(), most_cpu_s, looks: Mutex::new(looks) }
+    }
+
     /// Progress against the clock; `None` of runs that are too short to show any.
     fn followed(&self, cpu_s: f64) -> Option<Followed> {
         const SHORTEST_S: f64 = 1.0;
