@@ -42,11 +42,10 @@ const LAYERS: [&str; 33] = [
 ];
 
 /// Folders whose modules form circles still. In all others there is none; the list only becomes shorter.
-const WITH_CIRCLES: [&str; 9] = [
+const WITH_CIRCLES: [&str; 8] = [
     "export",
     "export/deck",
     "export/mesh",
-    "export/slice",
     "export/voxels",
     "methods/monte_carlo",
     "mix",

@@ -9,6 +9,7 @@ mod cut;
 mod geo;
 mod json;
 mod png;
+mod sizes;
 mod svg;
 mod triangles;
 
@@ -34,6 +35,7 @@ use crate::plan::Limits;
 use crate::request::GrainKind;
 use crate::request::decode::{Bound, Object};
 use crate::request::{Axis, FieldError, MAX_LENGTH_MM, Specimen};
+use sizes::Sizes;
 
 /// Pixels along the longer edge of a picture, where none are asked for.
 pub const DEFAULT_PIXELS: u32 = 1000;
@@ -337,7 +339,7 @@ impl Export for SliceOptions {
             SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
             // Those with triangles are written above.
             SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
-                geo::write(&cut, geo::Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
+                geo::write(&cut, Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
             }
         }
         out.flush()?;
