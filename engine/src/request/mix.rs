@@ -2,7 +2,8 @@
 
 use super::aggregate::{Aggregates, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
-use super::grading::{LENGTH, check_d_min, read_d_min, read_grading};
+use super::grading::{check_d_min, read_d_min, read_grading};
+use super::lengths::LENGTH;
 use super::packing_model::PackingModel;
 use super::proportions::{MixProportions, read_proportions};
 use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};

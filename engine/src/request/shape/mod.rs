@@ -2,6 +2,7 @@
 //!
 //! Types, bounds and JSON form only; the laws of the axis ratios are those of [`crate::shape::ratios`].
 
+mod presets;
 mod ratios;
 mod read;
 
@@ -11,6 +12,7 @@ use super::Axis;
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
 
+pub use presets::ShapePreset;
 pub(super) use read::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
 
 /// Most size classes with a shape of their own.

@@ -1,12 +1,12 @@
 //! Reads the shapes of grains and their orientation.
 
+use super::presets::ShapePreset;
 use super::ratios::read_ratios;
 use super::{
     DEFAULT_TEMPLATES, GrainShape, MAX_CONCENTRATION, MAX_FACES, MAX_MIXTURE_PARTS, MAX_SHAPE_CLASSES,
     MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation, PlainShape, ShapeClass, ShapeMixture, TemplateShape,
 };
 use crate::request::decode::{At, Bound, Object, all, bounded, rounded};
-use crate::request::presets::ShapePreset;
 use crate::request::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix, MixPart};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
