@@ -301,7 +301,7 @@ fn has_circle(folder: &Path, entries: Vec<PathBuf>) -> bool {
 /// Files that match the kind of a grain outside of the folders that define and check kinds: the gaps of pairs of
 /// kinds, and the measured constants of plans. All others ask grains what they have: templates, semi-axes, figures,
 /// sections. The list only becomes shorter.
-const MATCHING_KINDS: [&str; 3] = ["gap/solids.rs", "plan/mod.rs", "plan/shapes.rs"];
+const MATCHING_KINDS: [&str; 3] = ["gap/solids.rs", "plan/checks.rs", "plan/shapes.rs"];
 
 #[test]
 fn kinds_of_grains_are_matched_in_no_further_file() {
