@@ -21,7 +21,6 @@ use std::num::NonZeroUsize;
 
 use serde_json::Value;
 
-pub(crate) use frame::Frame;
 pub use load::Load;
 pub use options::{
     CutElements, CutPlace, DEFAULT_CELLS, DEFAULT_STRAIN, DEFAULT_TEMPERATURE_CHANGE_K, DeckElements,
@@ -30,6 +29,7 @@ pub use options::{
 pub use report::{DeckPhase, DeckPlane, DeckReport, LateralFaces};
 pub use unpack::unpack;
 
+use self::frame::Frame;
 use self::load::Conditions;
 use self::sets::NodeSets;
 use self::solid_part::LeftOut;
