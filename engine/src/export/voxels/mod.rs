@@ -9,6 +9,7 @@ mod base64;
 mod grid;
 mod inp;
 mod layers;
+mod length;
 mod numbers;
 mod options;
 mod pass;
