@@ -41,9 +41,6 @@ const LAYERS: [&str; 33] = [
     "run",
 ];
 
-/// Folders whose modules form circles still. In all others there is none; the list only becomes shorter.
-const WITH_CIRCLES: [&str; 1] = ["export"];
-
 /// What names stand for that the crate's root exports.
 fn module_of(name: &str) -> &str {
     match name {
@@ -248,7 +245,7 @@ fn the_check_shares_its_internals_with_nothing() {
 }
 
 #[test]
-fn modules_of_a_folder_form_no_circle_but_where_listed() {
+fn modules_of_a_folder_form_no_circle() {
     let mut folders = vec![source()];
     let mut with_circles = Vec::new();
     while let Some(folder) = folders.pop() {
@@ -260,8 +257,7 @@ fn modules_of_a_folder_form_no_circle_but_where_listed() {
             with_circles.push(folder.strip_prefix(source()).unwrap().to_str().unwrap().replace('\\', "/"));
         }
     }
-    with_circles.sort();
-    assert_eq!(with_circles, WITH_CIRCLES);
+    assert!(with_circles.is_empty(), "{with_circles:?}");
 }
 
 /// Whether modules of a folder use each other in a circle.
