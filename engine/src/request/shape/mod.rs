@@ -13,7 +13,7 @@ use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
 
 pub use presets::ShapePreset;
-pub(super) use read::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
+pub(super) use read::{MixShapes, read_mix_shapes, read_orientation};
 
 /// Most size classes with a shape of their own.
 pub const MAX_SHAPE_CLASSES: usize = 16;
@@ -279,7 +279,7 @@ impl PlainShape {
     }
 
     /// Number of its templates.
-    fn templates(&self) -> u32 {
+    pub(super) fn templates(&self) -> u32 {
         match self {
             Self::Polyhedron { template_count, .. } => *template_count,
             Self::Sphere {} | Self::Ellipsoid { .. } => 0,
