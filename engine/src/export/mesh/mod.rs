@@ -4,8 +4,8 @@
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either; [`tetrahedra`] fills them by a program that the caller gives. Methods:
 //! `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their images), `polyhedron` and `facets`, `surface`
-//! (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `walls`, `grain` (volume),
-//! `estimate` (triangles and bytes beforehand).
+//! (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `walls`, `grain`
+//! (volume), `estimate` (triangles and bytes beforehand).
 
 mod bodies;
 mod cache;

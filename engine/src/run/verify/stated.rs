@@ -1,4 +1,5 @@
-//! What a result states of its packing: by which request it is checked, and whether its figures are those of the grains.
+//! What a result states of its packing: by which request it is checked, and whether its figures are those of the
+//! grains.
 
 use super::super::partial::Kept;
 use super::super::{as_checked, summary as summary_of};
