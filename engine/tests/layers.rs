@@ -41,20 +41,6 @@ const LAYERS: [&str; 33] = [
     "run",
 ];
 
-/// Folders whose modules form circles still. In all others there is none; the list only becomes shorter.
-const WITH_CIRCLES: [&str; 10] = [
-    "export",
-    "export/deck",
-    "export/mesh",
-    "export/slice",
-    "export/voxels",
-    "importer/recipe",
-    "methods/monte_carlo",
-    "mix",
-    "request",
-    "run",
-];
-
 /// What names stand for that the crate's root exports.
 fn module_of(name: &str) -> &str {
     match name {
@@ -259,7 +245,7 @@ fn the_check_shares_its_internals_with_nothing() {
 }
 
 #[test]
-fn modules_of_a_folder_form_no_circle_but_where_listed() {
+fn modules_of_a_folder_form_no_circle() {
     let mut folders = vec![source()];
     let mut with_circles = Vec::new();
     while let Some(folder) = folders.pop() {
@@ -271,8 +257,7 @@ fn modules_of_a_folder_form_no_circle_but_where_listed() {
             with_circles.push(folder.strip_prefix(source()).unwrap().to_str().unwrap().replace('\\', "/"));
         }
     }
-    with_circles.sort();
-    assert_eq!(with_circles, WITH_CIRCLES);
+    assert!(with_circles.is_empty(), "{with_circles:?}");
 }
 
 /// Whether modules of a folder use each other in a circle.
@@ -311,7 +296,7 @@ fn has_circle(folder: &Path, entries: Vec<PathBuf>) -> bool {
 /// Files that match the kind of a grain outside of the folders that define and check kinds: the gaps of pairs of
 /// kinds, and the measured constants of plans. All others ask grains what they have: templates, semi-axes, figures,
 /// sections. The list only becomes shorter.
-const MATCHING_KINDS: [&str; 3] = ["gap/solids.rs", "plan/mod.rs", "plan/shapes.rs"];
+const MATCHING_KINDS: [&str; 3] = ["gap/solids.rs", "plan/checks.rs", "plan/shapes.rs"];
 
 #[test]
 fn kinds_of_grains_are_matched_in_no_further_file() {

@@ -5,7 +5,8 @@ use std::io::Write;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::kind::{Expected, Export, ExportEstimate, Made};
+use super::estimate::{Expected, ExportEstimate};
+use super::kind::{Export, Made};
 use super::materials::{chosen, phases};
 use super::{ExportError, Model};
 use super::{certificates, deck, ldpm, mesh, properties, quality, shapes, slice, voxels};
@@ -437,6 +438,10 @@ fn value_of(text: &str) -> Value {
     parsed.unwrap_or_else(|| Value::String(text.to_owned()))
 }
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+#[path = "report_check_tests.rs"]
+mod report_check_tests;
 #[cfg(test)]
 #[path = "catalog_tests.rs"]
 mod tests;

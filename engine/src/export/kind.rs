@@ -3,17 +3,17 @@
 
 use std::io::Write;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
+use super::estimate::{Expected, ExportEstimate};
 use super::materials::PhaseMaterial;
-use super::mesh::MeshEstimate;
 use super::{ExportError, Model};
 use crate::checkpoint::Resume;
 use crate::control::Control;
-use crate::plan::{ClassPlan, Limits, Plan};
+use crate::plan::Limits;
 use crate::request::decode::Object;
-use crate::request::{GrainKind, Materials, PackingRequest, Specimen};
+use crate::request::{Materials, Specimen};
 
 /// A type of export with its options: it makes one file of a packing.
 pub trait Export: Serialize + Sized {
@@ -207,115 +207,4 @@ pub struct Made<'a> {
     pub materials: Option<&'a Materials>,
     /// Length of the file.
     pub bytes: u64,
-}
-
-/// What an export is likely to come out as.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct ExportEstimate {
-    /// Length of the file.
-    pub bytes: u64,
-    /// The triangles of a surface mesh; absent for everything else.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(required = false))]
-    pub mesh: Option<MeshEstimate>,
-    /// Memory and time that properties take; absent for everything else.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(required = false))]
-    pub computation: Option<ComputationEstimate>,
-    /// What is likely to go wrong, in words.
-    #[serde(default)]
-    pub warnings: Vec<String>,
-}
-
-impl ExportEstimate {
-    /// That of a file of which only the length is told.
-    pub(super) fn of_bytes(bytes: u64) -> Self {
-        Self { bytes, ..Self::default() }
-    }
-}
-
-/// What a computation is likely to take.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct ComputationEstimate {
-    /// Memory at most, in bytes.
-    pub memory_bytes: u64,
-    /// CPU time in s, within a factor of three.
-    pub cpu_s: f64,
-}
-
-/// The packing that an estimate is for.
-#[derive(Clone, Copy)]
-pub enum Expected<'a> {
-    /// It is there.
-    Packed(&'a Model<'a>),
-    /// It is planned.
-    Planned(&'a PackingRequest, &'a Plan),
-}
-
-impl Expected<'_> {
-    /// Its specimen.
-    pub fn specimen(&self) -> &Specimen {
-        match self {
-            Self::Packed(model) => model.specimen,
-            Self::Planned(request, _) => &request.specimen,
-        }
-    }
-
-    /// The materials that its request states.
-    pub fn materials(&self) -> Option<&Materials> {
-        match self {
-            Self::Packed(model) => model.materials,
-            Self::Planned(request, _) => request.materials.as_ref(),
-        }
-    }
-
-    /// What its grains are.
-    pub fn kind(&self) -> GrainKind {
-        match self {
-            Self::Packed(model) => model.grains.kind(),
-            Self::Planned(request, _) => request.mix.grain_kind(),
-        }
-    }
-
-    /// Number of grains.
-    pub fn grains(&self) -> f64 {
-        match self {
-            Self::Packed(model) => model.grains.len() as f64,
-            Self::Planned(_, plan) => plan.grains,
-        }
-    }
-
-    /// Smallest diameter in mm.
-    pub fn d_min_mm(&self) -> f64 {
-        match self {
-            Self::Packed(model) => model.grains.diameters_mm().fold(f64::INFINITY, f64::min),
-            Self::Planned(_, plan) => plan.classes.first().map_or(1.0, |class| class.d_min_mm),
-        }
-    }
-
-    /// Numbers of grains and their diameters in mm.
-    pub fn sizes(&self) -> Box<dyn Iterator<Item = (f64, f64)> + '_> {
-        let mean = |class: &ClassPlan| (class.d_min_mm * class.d_max_mm).sqrt();
-        match self {
-            Self::Packed(model) => Box::new(model.grains.diameters_mm().map(|d| (1.0, d))),
-            Self::Planned(_, plan) => {
-                Box::new(plan.classes.iter().map(move |class| (class.grains, mean(class))))
-            }
-        }
-    }
-
-    /// Sum of the diameters in mm.
-    pub fn sum_mm(&self) -> f64 {
-        self.sizes().map(|(grains, d_mm)| grains * d_mm).sum()
-    }
-
-    /// Whether the mix has several aggregates.
-    pub fn has_aggregates(&self) -> bool {
-        match self {
-            Self::Packed(model) => !model.grains.aggregate().is_empty(),
-            Self::Planned(request, _) => !request.mix.aggregates.is_empty(),
-        }
-    }
 }

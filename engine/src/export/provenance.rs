@@ -2,8 +2,6 @@
 
 use serde_json::Value;
 
-use super::tables::Head;
-
 /// Where a packing comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Provenance {
@@ -24,22 +22,6 @@ pub struct Provenance {
     pub aggregates: Vec<Option<String>>,
     /// Digest of the stored result, in hexadecimal, where there is one.
     pub result_sha256: Option<String>,
-}
-
-impl From<&Head> for Provenance {
-    fn from(head: &Head) -> Self {
-        let summary = &head.report.summary;
-        Self {
-            job_id: head.job_id.clone(),
-            name: head.request["name"].as_str().map(str::to_owned),
-            seed: head.request["seed"].as_u64(),
-            engine_version: head.engine.version.clone(),
-            volume_fraction_mixture: summary.volume_fraction_mixture,
-            volume_fraction_effective: summary.volume_fraction_effective,
-            aggregates: Self::aggregates_of(&head.request),
-            result_sha256: None,
-        }
-    }
 }
 
 impl Provenance {

@@ -5,7 +5,8 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
-use super::kind::{Expected, Export, ExportEstimate};
+use super::estimate::{Expected, ExportEstimate};
+use super::kind::Export;
 use super::{ExportError, Model};
 use crate::analysis::quality::{QualityError, QualityReport, quality};
 use crate::control::Control;

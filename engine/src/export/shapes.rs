@@ -7,7 +7,8 @@ use std::io::Write;
 
 use serde::{Deserialize, Serialize};
 
-use super::kind::{Expected, Export, ExportEstimate};
+use super::estimate::{Expected, ExportEstimate};
+use super::kind::Export;
 use super::rows::{Cell, Rows, TableFormat};
 use super::{ExportError, Model, go_on};
 use crate::analysis::shapes::Measured;

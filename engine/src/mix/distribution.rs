@@ -1,12 +1,11 @@
-//! Laws of sizes: how much mass lies between two diameters, and classes narrow enough to draw from.
+//! Laws of sizes: how much mass lies between two diameters, and intervals narrow enough to draw from.
 //!
 //! The range of `ln d` is divided until the density of the mass changes little in each interval. There it is integrated
 //! by Gauss-Legendre with three points (Abramowitz and Stegun, table 25.4), to 1e-10 of the whole. In the same
 //! intervals the mass is taken as linear in `ln d` when grains are drawn: what passes a diameter then misses the law by
 //! less than 2e-4.
 
-use super::class::{Class, Law};
-use super::{CLASSES_PER_OCTAVE, sieve};
+use super::CLASSES_PER_OCTAVE;
 use crate::elementary::{exp, ln};
 use crate::request::{Distribution, DistributionLaw};
 
@@ -38,7 +37,7 @@ fn ln_density(distribution: &Distribution, d: f64) -> f64 {
 
 /// The intervals between two diameters in which there is mass, each with its mass over that which one interval of
 /// length 1 in `ln d` would have at the mode.
-fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
+pub(super) fn intervals(distribution: &Distribution, from: f64, to: f64) -> Vec<[f64; 3]> {
     let roughly = divided(distribution, distribution.d_min_mm, distribution.d_max_mm, f64::INFINITY);
     let all: f64 = roughly.iter().map(|interval| interval[2]).sum();
     divided(distribution, from, to, MISS * all)
@@ -93,70 +92,6 @@ fn divided(distribution: &Distribution, from: f64, to: f64, miss: f64) -> Vec<[f
 /// Mass between two diameters, in the unit of [`intervals`].
 pub(super) fn mass(distribution: &Distribution, from: f64, to: f64) -> f64 {
     intervals(distribution, from, to).iter().map(|interval| interval[2]).sum()
-}
-
-/// The sieve classes of a law above a cut-off, from fine to coarse.
-pub(super) fn classes(distribution: &Distribution, d_min: f64) -> Vec<Class> {
-    let all = mass(distribution, distribution.d_min_mm, distribution.d_max_mm);
-    let between = sieve::between(
-        d_min.max(distribution.d_min_mm),
-        distribution.d_max_mm,
-        Law::Distribution(*distribution),
-    );
-    let with_mass = between.into_iter().map(|class| {
-        let mass_fraction = mass(distribution, class.low_mm, class.high_mm) / all;
-        Class { mass_fraction, ..class }
-    });
-    with_mass.filter(|class| class.mass_fraction > 0.0).collect()
-}
-
-/// The narrow classes of a class of the law.
-pub(super) fn narrow(distribution: &Distribution, class: &Class) -> Vec<Class> {
-    let intervals = intervals(distribution, class.low_mm, class.high_mm);
-    let all: f64 = intervals.iter().map(|interval| interval[2]).sum();
-    let with_mass = intervals.into_iter().filter(|interval| interval[2] > 0.0);
-    with_mass
-        .map(|[low_mm, high_mm, mass]| Class {
-            law: Law::LogUniform,
-            low_mm,
-            high_mm,
-            mass_fraction: class.mass_fraction * mass / all,
-            ..*class
-        })
-        .collect()
-}
-
-/// [`Class::grains_per_volume`] of a class of a law.
-pub(super) fn grains_per_volume(class: &Class) -> f64 {
-    let parts = class.narrow();
-    let grains: f64 = parts.iter().map(|part| part.mass_fraction * part.grains_per_volume()).sum();
-    grains / parts.iter().map(|part| part.mass_fraction).sum::<f64>()
-}
-
-/// [`Class::mean_of`] of a class of a law.
-pub(super) fn mean_of(class: &Class, f: &dyn Fn(f64) -> f64) -> f64 {
-    let (mut weighted, mut weights) = (0.0, 0.0);
-    for part in class.narrow() {
-        let grains = part.mass_fraction * part.grains_per_volume();
-        weighted += grains * part.mean_of(f);
-        weights += grains;
-    }
-    weighted / weights
-}
-
-/// [`Class::diameter`] of a class of a law.
-pub(super) fn diameter(class: &Class, u: f64) -> f64 {
-    let parts = class.narrow();
-    let grains = |part: &Class| part.mass_fraction * part.grains_per_volume();
-    let mut rest = u * parts.iter().map(grains).sum::<f64>();
-    for part in &parts {
-        let here = grains(part);
-        if rest < here {
-            return part.diameter(rest / here);
-        }
-        rest -= here;
-    }
-    class.high_mm
 }
 
 #[cfg(test)]

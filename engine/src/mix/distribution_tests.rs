@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::*;
 use crate::mix::sampling::sample;
+use crate::mix::sieve::of_law;
 use crate::mix::{GradedMix, curve};
 use crate::request::{Mix, PackingRequest};
 use crate::rng::{Stream, stream};
@@ -88,7 +89,7 @@ fn tails_are_divided_as_finely_as_they_fall() {
     ] {
         let law = law_of(&mix(&grading));
         let (low, high) = (law.d_min_mm, law.d_max_mm);
-        let parts = classes(&law, 0.0);
+        let parts = of_law(&law, 0.0);
         let whole: f64 = parts.iter().map(|class| class.mass_fraction).sum();
         assert!((whole - 1.0).abs() < 1e-9, "{grading}: {whole}");
         let drawn = curve(&mix(&grading));
@@ -170,7 +171,7 @@ fn numbers_of_grains_follow_their_law() {
 #[test]
 fn a_class_is_the_sum_of_its_narrow_classes() {
     let law = law_of(&mix(&laws("number")[0]));
-    for class in classes(&law, 0.0) {
+    for class in of_law(&law, 0.0) {
         let narrow = class.narrow();
         let summed: f64 = narrow.iter().map(|part| part.mass_fraction).sum();
         assert!((summed / class.mass_fraction - 1.0).abs() < 1e-12);

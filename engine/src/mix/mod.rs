@@ -319,7 +319,7 @@ fn classes_above(form: &Form<'_>, d_min: f64) -> Vec<Class> {
             }
             classes
         }
-        Form::Distribution(law) => distribution::classes(law, d_min),
+        Form::Distribution(law) => sieve::of_law(law, d_min),
         Form::Classes(classes) => classes
             .iter()
             .filter_map(|c| {

@@ -5,7 +5,8 @@
 
 use super::GradedMix;
 use super::class::{Class, Law};
-
+use super::distribution::mass;
+use crate::request::Distribution;
 use crate::shape::exceeds;
 use crate::sorting;
 
@@ -109,4 +110,15 @@ pub(super) fn between(low: f64, high: f64, law: Law) -> Vec<Class> {
         .windows(2)
         .map(|e| Class { law, low_mm: e[0], high_mm: e[1], mass_fraction: 0.0, volume_ratio: 1.0, part: 0 })
         .collect()
+}
+
+/// The sieve classes of a law of sizes above a cut-off, from fine to coarse.
+pub(super) fn of_law(law: &Distribution, d_min: f64) -> Vec<Class> {
+    let all = mass(law, law.d_min_mm, law.d_max_mm);
+    let between = between(d_min.max(law.d_min_mm), law.d_max_mm, Law::Distribution(*law));
+    let with_mass = between.into_iter().map(|class| {
+        let mass_fraction = mass(law, class.low_mm, class.high_mm) / all;
+        Class { mass_fraction, ..class }
+    });
+    with_mass.filter(|class| class.mass_fraction > 0.0).collect()
 }

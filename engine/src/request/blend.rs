@@ -4,7 +4,8 @@ use serde_json::Value;
 
 use super::aggregate::{check_described, read_name};
 use super::decode::{At, Bound, Faults, Object, all, bounded};
-use super::grading::{LENGTH, read_grading, read_named};
+use super::grading::{read_grading, read_named};
+use super::lengths::LENGTH;
 use super::packing_model::PackingModel;
 use super::proportions::DENSITY;
 #[cfg(feature = "openapi")]

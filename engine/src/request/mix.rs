@@ -1,11 +1,12 @@
 //! Reads the mix out of JSON.
 
-use super::aggregate::{Aggregates, mean_density_kg_m3, read_aggregates};
+use super::aggregate::{Aggregates, MixPart, mean_density_kg_m3, read_aggregates};
 use super::decode::{At, Bound, Object};
-use super::grading::{LENGTH, check_d_min, read_d_min, read_grading};
+use super::grading::{check_d_min, read_d_min, read_grading};
+use super::lengths::LENGTH;
 use super::packing_model::PackingModel;
 use super::proportions::{MixProportions, read_proportions};
-use super::shape::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
+use super::shape::{MAX_TEMPLATES, MixShapes, read_mix_shapes, read_orientation};
 use super::{MAXIMIZE, MIN_SHARE, Mix, Orientation, SizeMeasure, VolumeFraction, VolumeFractionOf};
 
 const FRACTION: Bound = Bound::closed(MIN_SHARE, 1.0, "");
@@ -116,6 +117,21 @@ pub(super) fn read_mix(at: &At<'_>) -> Option<Mix> {
         return None;
     }
     Some(mix)
+}
+
+/// Judges the number of templates of all shapes of a mix.
+fn judge_templates(at: &At<'_>, mix: &Mix) -> Option<()> {
+    let parts = mix.parts();
+    let shapes = parts.iter().filter_map(MixPart::grain_shapes).flatten();
+    let templates: u32 =
+        shapes.flat_map(|(_, shape)| shape.parts()).map(|(_, shape)| shape.templates()).sum();
+    if templates > MAX_TEMPLATES {
+        at.fault(format!(
+            "the shapes have {templates} templates together: must have at most {MAX_TEMPLATES}; lower template_count"
+        ));
+        return None;
+    }
+    Some(())
 }
 
 /// The largest diameter must leave something to place.

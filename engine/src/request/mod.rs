@@ -10,10 +10,10 @@ pub mod blend;
 pub mod decode;
 pub mod grading;
 pub mod growth;
+mod lengths;
 pub mod materials;
 mod mix;
 mod packing_model;
-pub mod presets;
 pub mod proportions;
 mod read;
 #[cfg(feature = "openapi")]
@@ -34,13 +34,14 @@ pub use grading::{
     standard,
 };
 pub use growth::{GrowthBy, GrowthOptions, GrowthStop};
+pub use lengths::{MAX_LENGTH_MM, MIN_LENGTH_MM};
 pub use materials::{Material, Materials};
 pub use packing_model::PackingModel;
 pub use proportions::{MixAddition, MixProportions};
 pub use segregation::{FieldDirection, GradientField, Segregation, SpecimenFace};
 pub use shape::{
     DEFAULT_TEMPLATES, GrainKind, GrainShape, MAX_FACES, MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation,
-    PlainShape, ShapeClass, ShapeMixture, TemplateShape,
+    PlainShape, ShapeClass, ShapeMixture, ShapePreset, TemplateShape,
 };
 pub(crate) use sieves::{LEAST_TOP, MOST_UNDERSIZE, next_sieve};
 
@@ -48,12 +49,6 @@ pub(crate) use sieves::{LEAST_TOP, MOST_UNDERSIZE, next_sieve};
 /// up to 2^53 - 1.
 pub const MAX_SEED: u64 = (1 << 53) - 1;
 
-/// Smallest length that a request may name for a grain, a sieve or a specimen, in mm: a nanometre. Below it no
-/// aggregate is known, and ratios of lengths would leave the range of numbers.
-pub const MIN_LENGTH_MM: f64 = 1.0e-6;
-
-/// Largest length a request may name, in mm.
-pub const MAX_LENGTH_MM: f64 = 1.0e6;
 /// Most points of a grading curve, and most size classes.
 pub const MAX_CURVE_POINTS: usize = 1000;
 

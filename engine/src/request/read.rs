@@ -3,8 +3,8 @@
 use serde_json::Value;
 
 use super::decode::{At, Bound, Faults, Object};
-use super::grading::{LENGTH, length};
 use super::growth;
+use super::lengths::{LENGTH, length};
 use super::mix::read_mix;
 use super::segregation::read_segregation;
 use super::{

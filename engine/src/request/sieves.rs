@@ -3,9 +3,9 @@
 //!
 //! What has one reading is taken; what has two is refused, and the fault states both.
 
+use super::MAX_CURVE_POINTS;
 use super::decode::{At, Bound, rounded};
-use super::grading::LENGTH;
-use super::{MAX_CURVE_POINTS, MAX_LENGTH_MM, MIN_LENGTH_MM};
+use super::lengths::{LENGTH, MAX_LENGTH_MM, MIN_LENGTH_MM};
 use crate::elementary::log10;
 use crate::sorting;
 

@@ -19,13 +19,13 @@ use crate::distance::DistanceRule;
 use crate::elementary::cbrt;
 use crate::error::{GrowthEffort, GrowthStopped, PackError};
 use crate::methods::growth::ToJamming;
-use crate::packing::{GrowthEnd, Packing};
+use crate::packing::{GrowthEnd, Packing, Summary};
 use crate::plan::{Drawing, Limits, Plan};
 use crate::request::PackingRequest;
 use crate::template_cache::TemplateCache;
 
 /// Factors on all sizes with which grains count as those that were drawn,
-pub(super) const AS_DRAWN: [f64; 2] = [0.97, 1.03];
+const AS_DRAWN: [f64; 2] = [0.97, 1.03];
 /// and those that a packing is expected to have, beyond which growth ends early: grains that rearrange jam at a scale
 /// that is larger, by half a percent about, than what is expected before.
 const EXPECTED: [f64; 2] = [0.966, 1.03];
@@ -196,6 +196,19 @@ pub(super) fn pack(
             Finishing { checked: &checked, mix: &mix, coarse: None, kept, times, limits, templates };
         return finished(placed, &finishing, control);
     }
+}
+
+/// What a user should know of sizes that are not those of the mix, in one sentence: where no drawing of grains for a
+/// volume fraction that is to be as large as possible had them.
+pub(super) fn scale_warning(summary: &Summary) -> Option<String> {
+    let scale = summary.size_scale.filter(|_| summary.volume_fraction_drawn.is_some())?;
+    (!(AS_DRAWN[0]..=AS_DRAWN[1]).contains(&scale)).then(|| {
+        format!(
+            "all sizes are scaled by {scale:.4} to fit, so that they are not those of the mix: grains are drawn twice at \
+             most, and once where the limits of the method leave too little for a second time; raise method.stop, or \
+             take a larger specimen or another seed"
+        )
+    })
 }
 
 /// Control of growth whose checkpoints are those of the request, with a head before the state.

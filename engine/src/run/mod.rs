@@ -23,9 +23,6 @@ mod shaped;
 mod size_scale;
 mod spheres;
 mod verify;
-mod verify_run;
-#[cfg(test)]
-mod verify_tests;
 
 use std::num::NonZeroUsize;
 use std::time::Instant;
@@ -51,8 +48,7 @@ use crate::template_cache::TemplateCache;
 use partial::{Kept, Short};
 
 pub use own::{OwnError, OwnMix, OwnPacking, pack_with};
-pub use partial::checked_as;
-pub use verify::{VerifyError, compare_stated, verify, verify_failure};
+pub use verify::{VerifyError, checked_as, compare_stated, verify, verify_failure};
 
 /// Share of a run's work that sampling and packing take; the rest is the check.
 const PACKING_SHARE: f64 = 0.98;
@@ -284,7 +280,7 @@ impl Figures {
         };
         let found = check.found;
         let summary = kept.in_summary(summary(mix, &rule, grains, method_used, check), mix, checked);
-        warnings.extend(partial::scale_warning(&summary));
+        warnings.extend(densest::scale_warning(&summary));
         warnings.extend(partial::warning(&summary));
         Ok(Self {
             summary,

@@ -5,11 +5,8 @@
 //! is below the scale that growth reached. Random addition keeps the grains that it placed. Where the distance is to be
 //! as large as possible, grains that have their sizes keep them, and the distance that was reached is the result.
 
-use super::densest::AS_DRAWN;
 use super::size_scale::largest_scale;
-use super::verify::VerifyError;
-use super::verify_run::judge_kept;
-use super::{Placed, as_checked, distance_asked_mm};
+use super::{Placed, distance_asked_mm};
 use crate::check::Extent;
 use crate::distance::DistanceRule;
 use crate::error::{GrowthStopped, PackError, TargetNotReached};
@@ -103,22 +100,6 @@ impl Kept {
     }
 }
 
-/// The request by which the packing of a result is checked, and what it has of the grains of that request: of a request
-/// whose volume fraction or distance is to be as large as possible the one with those of the result.
-///
-/// # Errors
-/// [`VerifyError::Wrong`] where no run of the request ends with such a summary.
-pub fn checked_as(
-    request: &PackingRequest,
-    summary: &Summary,
-) -> Result<(PackingRequest, Extent), VerifyError> {
-    let grains_requested = summary.partial.map_or(summary.grains, |partial| partial.grains_requested);
-    judge_kept(request, summary, summary.grains as usize, grains_requested as usize)?;
-    let kept = Kept::of_summary(request, summary, grains_requested);
-    let drawn = kept.drawing.map_or_else(|| request.clone(), |drawing| drawing.numbers_of(request));
-    Ok((as_checked(&drawn, summary.distance_mm), kept.extent(summary.grains as usize)))
-}
-
 /// Scales the grains of a run that ended before its target, if it did, so that they keep their distances. It has so
 /// many grains of its mix.
 ///
@@ -166,19 +147,6 @@ fn without_value(failure: TargetNotReached) -> TargetNotReached {
         }
         other @ TargetNotReached::InsertionFailed(_) => other,
     }
-}
-
-/// What a user should know of sizes that are not those of the mix, in one sentence: where no drawing of grains for a
-/// volume fraction that is to be as large as possible had them.
-pub(super) fn scale_warning(summary: &Summary) -> Option<String> {
-    let scale = summary.size_scale.filter(|_| summary.volume_fraction_drawn.is_some())?;
-    (!(AS_DRAWN[0]..=AS_DRAWN[1]).contains(&scale)).then(|| {
-        format!(
-            "all sizes are scaled by {scale:.4} to fit, so that they are not those of the mix: grains are drawn twice at \
-             most, and once where the limits of the method leave too little for a second time; raise method.stop, or \
-             take a larger specimen or another seed"
-        )
-    })
 }
 
 /// What a user should know of a packing that is partial, in one sentence.

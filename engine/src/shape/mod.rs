@@ -13,12 +13,13 @@ mod pose;
 mod quantile;
 pub mod ratios;
 mod sampler;
+mod size_measure;
 mod solid;
 mod target;
 
 pub use ellipsoid::Ellipsoid;
 pub use figures::ShapeFigures;
-pub use form::{Form, SizeMeasure, Zingg};
+pub use form::{Form, Zingg};
 pub use indices::{
     BodyAxis, CaliperSizes, FlakinessFraction, flakiness_fractions, flakiness_index, orientation_tensor,
     shape_index,
@@ -29,6 +30,7 @@ pub use polyhedron::{Polyhedron, PolyhedronFault, ScaledPolyhedron};
 pub use pose::Pose;
 pub use ratios::{AxisRatios, RatioDistribution, RatioLaw};
 pub use sampler::RatioSampler;
+pub use size_measure::SizeMeasure;
 pub use solid::{Solid, SolidRef};
 
 /// Volume of a sphere of diameter `d`, in the cube of the unit of `d`.

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::control::Control;
-use crate::export::deck::{DeckReport, Frame, LateralFaces, Load, PRINTED_SET};
+use crate::export::deck::{DeckReport, LateralFaces, Load, PRINTED_SET};
 use crate::export::solid::SolidMesh;
 use crate::export::{ExportError, Provenance};
 
@@ -133,7 +133,7 @@ impl Results {
         let strain = self.mean_strain(&printed)?;
         let stress_of = |a: usize, b: usize| f64::midpoint(stress[(a, b)], stress[(b, a)]);
         let mean_stress_mpa = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)].map(|(a, b)| stress_of(a, b));
-        let frame = Frame::of_report(deck);
+        let frame = deck.frame();
         let axis = deck.load.axis().and_then(|axis| frame.place(axis));
         let lateral = |axis: usize| -> Vec<f64> {
             let axes = (0..frame.dimension()).filter(|lateral| *lateral != axis);
@@ -182,7 +182,7 @@ impl Results {
             })?;
             Ok(displacements.iter().map(|u| u[axis]).sum::<f64>() / displacements.len() as f64)
         };
-        let frame = Frame::of_report(&self.deck);
+        let frame = self.deck.frame();
         let along = |axis: usize| {
             let [low, high] = frame.faces(axis);
             Ok((mean(high, axis)? - mean(low, axis)?) / self.deck.size_mm[axis])

@@ -1,6 +1,5 @@
 //! The axes of a mesh: those of the specimen, of a cut the two of its plane.
 
-use super::report::{DeckReport, LateralFaces};
 use crate::request::{Axis, Specimen};
 
 /// Names of the faces across an axis of the specimen.
@@ -21,25 +20,17 @@ impl Frame {
     /// That of a specimen, or of a cut across an axis.
     pub(super) fn of(specimen: &Specimen, cut: Option<Axis>, thickness_mm: f64) -> Self {
         let bounds_mm = specimen.bounds_mm();
-        let axes = Self::axes_of(cut);
-        let size_mm = match axes[..] {
-            [u, v] => [bounds_mm[u], bounds_mm[v], thickness_mm],
-            _ => bounds_mm,
+        let size_mm = match cut.map(|axis| axis.plane().map(Axis::index)) {
+            Some([u, v]) => [bounds_mm[u], bounds_mm[v], thickness_mm],
+            None => bounds_mm,
         };
-        Self { axes, size_mm, has_free_sides: specimen.domain().lateral().is_some() }
+        Self::new(cut, size_mm, specimen.domain().lateral().is_some())
     }
 
-    /// That of a deck that was made.
-    pub(crate) fn of_report(report: &DeckReport) -> Self {
-        Self {
-            axes: Self::axes_of(report.plane.map(|plane| plane.axis)),
-            size_mm: report.size_mm,
-            has_free_sides: report.lateral_faces == LateralFaces::Free,
-        }
-    }
-
-    fn axes_of(cut: Option<Axis>) -> Vec<usize> {
-        cut.map_or_else(|| vec![0, 1, 2], |axis| axis.plane().map(Axis::index).to_vec())
+    /// That of a mesh of these lengths along its own axes, of a specimen or of a cut across an axis.
+    pub(super) fn new(cut: Option<Axis>, size_mm: [f64; 3], has_free_sides: bool) -> Self {
+        let axes = cut.map_or_else(|| vec![0, 1, 2], |axis| axis.plane().map(Axis::index).to_vec());
+        Self { axes, size_mm, has_free_sides }
     }
 
     /// Number of the axes.

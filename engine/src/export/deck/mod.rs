@@ -10,6 +10,7 @@ mod frame;
 mod load;
 mod options;
 mod report;
+mod report_check;
 mod sets;
 mod solid_part;
 mod support;
@@ -21,7 +22,6 @@ use std::num::NonZeroUsize;
 
 use serde_json::Value;
 
-pub(crate) use frame::Frame;
 pub use load::Load;
 pub use options::{
     CutElements, CutPlace, DEFAULT_CELLS, DEFAULT_STRAIN, DEFAULT_TEMPERATURE_CHANGE_K, DeckElements,
@@ -30,15 +30,17 @@ pub use options::{
 pub use report::{DeckPhase, DeckPlane, DeckReport, LateralFaces};
 pub use unpack::unpack;
 
+use self::frame::Frame;
 use self::load::Conditions;
+use self::report_check::check_deck;
 use self::sets::NodeSets;
 use self::solid_part::LeftOut;
 use super::archive::{Archive, Content, PIECE_BYTES};
-use super::kind::{Expected, Export, ExportEstimate, Made};
+use super::estimate::{Expected, ExportEstimate, MeshEstimate};
+use super::kind::{Export, Made};
 use super::materials::{PhaseMaterial, moduli_gpa, of_model, phases as phases_with_materials};
+use super::mesh::TetrahedronReport;
 use super::mesh::tetrahedra::fill;
-use super::mesh::{MeshEstimate, TetrahedronReport};
-use super::mesh_check::check_deck;
 use super::slice::{Cut, TriangleReport};
 use super::solid::PlaneState;
 use super::solid::{PhaseRole, PhaseSet, SolidMeasures, SolidMesh};

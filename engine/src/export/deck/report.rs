@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::frame::Frame;
 use super::load::Load;
 use super::options::{DeckElements, Solver};
 use crate::export::mesh::TetrahedronReport;
@@ -62,6 +63,14 @@ pub struct DeckReport {
     /// What a reader should know.
     #[serde(default)]
     pub warnings: Vec<String>,
+}
+
+impl DeckReport {
+    /// The axes of the mesh.
+    pub(crate) fn frame(&self) -> Frame {
+        let has_free_sides = self.lateral_faces == LateralFaces::Free;
+        Frame::new(self.plane.map(|plane| plane.axis), self.size_mm, has_free_sides)
+    }
 }
 
 /// What the faces are that no load moves.

@@ -38,7 +38,8 @@ pub use report::{Checks, LatticeReport, NodeReport};
 
 use crate::arrays::Each as _;
 use crate::control::{Control, Part};
-use crate::export::kind::{Expected, Export, ExportEstimate};
+use crate::export::estimate::{Expected, ExportEstimate};
+use crate::export::kind::Export;
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, Provenance};
 use crate::geometry::delaunay::{Delaunay, DelaunayError, delaunay};

@@ -13,8 +13,8 @@
 use std::f64::consts::PI;
 
 use super::cache::SurfaceCache;
-use super::shell::{Wall, walls};
 use super::size::Other;
+use super::walls::{Wall, walls};
 use crate::arrays::{self, Each as _};
 use crate::elementary::hypot;
 use crate::export::Model;

@@ -16,7 +16,7 @@
 use std::f64::consts::PI;
 
 use super::bodies::Image;
-use super::grain::GAP_SHARE;
+use super::options::GAP_SHARE;
 use super::size::{Facing, Other};
 use super::sphere::Fineness;
 use super::surface::{Shape, Surface, angle};

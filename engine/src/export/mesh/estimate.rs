@@ -10,8 +10,6 @@
 
 use std::f64::consts::PI;
 
-use serde::{Deserialize, Serialize};
-
 use super::bodies::{Contact, MeshModel};
 use super::grain::Grains;
 use super::options::SurfaceOptions;
@@ -23,6 +21,7 @@ use crate::arrays::{self, Each as _};
 use crate::control::Control;
 use crate::distance::DistanceRule;
 use crate::elementary::powf;
+use crate::export::estimate::MeshEstimate;
 use crate::export::{ExportError, go_on};
 use crate::plan::ClassPlan;
 use crate::request::Specimen;
@@ -42,28 +41,6 @@ const SAMPLED_GRAINS: usize = 200;
 const SIZES_PER_CLASS: usize = 4;
 /// Gaps that the pair distribution is integrated over.
 const GAPS: usize = 8;
-
-/// What a surface mesh is likely to come out as.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
-pub struct MeshEstimate {
-    /// Triangles, those of the specimen's faces too; true within a factor of 1.5 for a packing.
-    pub triangles: u64,
-    /// Length of the file.
-    pub bytes: u64,
-    /// Tetrahedra, where there are any; true within a factor of 1.5 where the triangles are.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(required = false))]
-    pub tetrahedra: Option<u64>,
-    /// Nodes of the tetrahedra.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(required = false))]
-    pub nodes: Option<u64>,
-    /// Three for each node of the tetrahedra.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[cfg_attr(feature = "openapi", schema(required = false))]
-    pub degrees_of_freedom: Option<u64>,
-}
 
 /// Bytes of a triangle in the file format `stl`: twice 50 bytes, of which compression leaves 30 to 50 %.
 const BYTES_PER_STL_TRIANGLE: u64 = 40;

@@ -12,7 +12,7 @@ use super::cache::{EDGE_STEPS, FacetsForm, SurfaceCache};
 use super::curved::{Ball, Obstacle, Room};
 use super::facets::Facets;
 use super::near::Near;
-use super::options::{FaceChoice, SurfaceOptions, VolumeCorrection};
+use super::options::{FaceChoice, GAP_SHARE, SurfaceOptions, VolumeCorrection};
 use super::polyhedron::{self, Angular, Placed};
 use super::size::{EDGE_PER_GAP, Facing, Other};
 use super::sphere::{Fineness, Finenesses};
@@ -22,8 +22,6 @@ use crate::elementary::ln;
 use crate::gap::linear::dot;
 use crate::memory::OutOfMemory;
 
-/// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
-pub(super) const GAP_SHARE: f64 = 0.5;
 /// How far a correction looks for obstacles, in multiples of how far the size field does.
 const ROOM_REACH: f64 = 3.0;
 /// Longest edges on ellipsoids that are divided evenly, over the edges asked for: bisection makes them shorter by that

@@ -4,8 +4,8 @@
 //! [`msh`] and [`stl`] write the triangles made here, [`geo`] is a script that leaves meshing to Gmsh. Polyhedra of
 //! grains that do not touch do not touch either; [`tetrahedra`] fills them by a program that the caller gives. Methods:
 //! `sphere` (geodesic polyhedra), `bodies` (ellipsoids as their images), `polyhedron` and `facets`, `surface`
-//! (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `grain` (volume),
-//! `estimate` (triangles and bytes beforehand).
+//! (refinement), `surfaces` (all of a packing, on several threads), `size` (length of edges), `walls`, `grain`
+//! (volume), `estimate` (triangles and bytes beforehand).
 
 mod bodies;
 mod cache;
@@ -24,6 +24,7 @@ mod outline;
 mod polyhedron;
 #[cfg(test)]
 mod polyhedron_tests;
+pub(super) mod report_check;
 mod shell;
 mod size;
 mod solid;
@@ -35,6 +36,7 @@ mod template_surface;
 #[cfg(test)]
 mod tests;
 pub mod tetrahedra;
+mod walls;
 
 use std::io::Write;
 
@@ -43,16 +45,16 @@ use serde_json::Value;
 
 use crate::control::{Control, Progress, Step, Unattended};
 use crate::distance::DistanceRule;
-use crate::export::kind::{Expected, Export, ExportEstimate, Made};
-use crate::export::mesh_check::check_mesh;
+use crate::export::estimate::{Expected, ExportEstimate, MeshEstimate};
+use crate::export::kind::{Export, Made};
 use crate::export::{ExportError, Model};
 use crate::plan::{Limits, Plan};
 use crate::request::decode::Object;
 use crate::request::{Distance, FieldError, PackingRequest, Specimen};
 use bodies::MeshModel;
 pub use cache::SurfaceCache;
-pub use estimate::MeshEstimate;
 pub use options::{FaceChoice, SurfaceOptions, VolumeCorrection};
+use report_check::check_mesh;
 use surface::Surface;
 use surfaces::Mesh;
 pub use tetrahedra::{MeshOptions, TetrahedronOptions, TetrahedronReport};

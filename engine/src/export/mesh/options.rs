@@ -79,6 +79,9 @@ pub enum VolumeCorrection {
     Scaled,
 }
 
+/// Share of the gap between two grains, or a grain and a wall, that a correction of volumes may use up.
+pub(super) const GAP_SHARE: f64 = 0.5;
+
 /// Which faces of polyhedra are meshed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

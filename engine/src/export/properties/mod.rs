@@ -10,6 +10,7 @@ mod fields;
 mod options;
 mod phases;
 mod report;
+mod report_check;
 mod state;
 mod voxelize;
 
@@ -28,11 +29,11 @@ pub use report::{
 
 use self::phases::Phases;
 use self::phases::check_materials;
-pub(super) use self::phases::of_material;
+use self::report_check::check_properties;
 use self::state::State;
 use self::voxelize::{Cuts, Voxelized, voxelize};
-use super::kind::{ComputationEstimate, Expected, Export, ExportEstimate, Made};
-use super::report_check::check_properties;
+use super::estimate::{ComputationEstimate, Expected, ExportEstimate};
+use super::kind::{Export, Made};
 use super::voxels::VoxelGrid;
 use super::{ExportError, Model, materials};
 use crate::checkpoint::Resume;

@@ -10,7 +10,7 @@
 
 use std::collections::HashMap;
 
-use super::geo::Sizes;
+use super::sizes::Sizes;
 use super::{Cut, Figure, Outline, Polygon};
 use crate::elementary::hypot;
 use crate::sorting;

@@ -12,6 +12,8 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use super::coarse::corners;
+use super::sizes::Sizes;
 use super::{Cut, Figure, FigureKind, Outline, Section};
 use crate::arrays::Each as _;
 use crate::elementary::{atan2, hypot};
@@ -19,10 +21,6 @@ use crate::export::groups::AggregateGroups;
 use crate::gap::ellipsoids::Body;
 use crate::sorting;
 
-/// Elements along the circumference of a circle; the user of the script may say otherwise.
-const SEGMENTS: u32 = 20;
-/// Elements along the longer edge where nothing asks for smaller ones.
-const ELEMENTS_PER_EDGE: f64 = 25.0;
 /// Tags of circles start after those of the outline's edges, those of surfaces after that of the matrix.
 const FIRST_CIRCLE: usize = 5;
 const FIRST_GRAIN: usize = 2;
@@ -63,23 +61,6 @@ Macro Polygon
 Return
 itz() = {};
 ";
-
-/// How long the edges of a mesh are.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Sizes {
-    /// Elements along the circumference of a section.
-    pub(super) segments: u32,
-    /// Edge of the largest element.
-    pub(super) longest_mm: f64,
-}
-
-impl Sizes {
-    /// Those where nothing else is requested.
-    pub(super) fn of(outline: &Outline) -> Self {
-        let [[u0, u1], [v0, v1]] = outline.bounds_mm();
-        Self { segments: SEGMENTS, longest_mm: (u1 - u0).max(v1 - v0) / ELEMENTS_PER_EDGE }
-    }
-}
 
 pub(super) fn write(
     cut: &Cut,
@@ -218,7 +199,7 @@ fn with_holes(cut: &Cut, sizes: Sizes, groups: &AggregateGroups<'_>, out: &mut d
     outline(cut, out)?;
     let n = cut.sections.len();
     let most = most_radii(cut);
-    let coarse = super::coarse::corners(cut, sizes);
+    let coarse = corners(cut, sizes);
     for (i, ((section, most), coarse)) in cut.sections.iter().zip(most).zip(&coarse).enumerate() {
         surface(section, coarse.as_deref(), most, FIRST_GRAIN + i, Some(FIRST_CIRCLE + i), out)?;
     }
@@ -247,7 +228,7 @@ fn clipped(cut: &Cut, sizes: Sizes, groups: &AggregateGroups<'_>, out: &mut dyn 
     writeln!(out, "Rectangle(1) = {{{u0}, {v0}, 0, {}, {}}};", u1 - u0, v1 - v0)?;
     // Those inside first, so that each kind is one range of tags.
     let most = most_radii(cut);
-    let coarse = super::coarse::corners(cut, sizes);
+    let coarse = corners(cut, sizes);
     let all = cut.sections.iter().zip(most.iter().zip(&coarse));
     let inside = all.clone().filter(|(section, _)| !section.clipped);
     let crossing = all.filter(|(section, _)| section.clipped);

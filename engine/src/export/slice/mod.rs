@@ -9,6 +9,8 @@ mod cut;
 mod geo;
 mod json;
 mod png;
+mod report_check;
+mod sizes;
 mod svg;
 mod triangles;
 
@@ -25,15 +27,17 @@ pub use triangles::{SliceElements, TriangleOptions, TriangleReport};
 
 use crate::arrays::Each as _;
 use crate::control::Control;
+use crate::export::estimate::{Expected, ExportEstimate};
 use crate::export::groups::AggregateGroups;
-use crate::export::kind::{Expected, Export, ExportEstimate, Made};
-use crate::export::mesh_check::check_slice;
+use crate::export::kind::{Export, Made};
 use crate::export::steps::Steps;
 use crate::export::{ExportError, Model, go_on};
 use crate::plan::Limits;
 use crate::request::GrainKind;
 use crate::request::decode::{Bound, Object};
 use crate::request::{Axis, FieldError, MAX_LENGTH_MM, Specimen};
+use report_check::check_slice;
+use sizes::Sizes;
 
 /// Pixels along the longer edge of a picture, where none are asked for.
 pub const DEFAULT_PIXELS: u32 = 1000;
@@ -337,7 +341,7 @@ impl Export for SliceOptions {
             SliceFormat::Json => SliceDocument { report: &report, cut: &cut }.write(&mut out)?,
             // Those with triangles are written above.
             SliceFormat::Geo | SliceFormat::Msh | SliceFormat::Inp | SliceFormat::Vtu => {
-                geo::write(&cut, geo::Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
+                geo::write(&cut, Sizes::of(&cut.outline), &AggregateGroups::of(model), &mut out)?;
             }
         }
         out.flush()?;

@@ -9,7 +9,8 @@ use std::io::{self, Write};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::geo::{self, Sizes};
+use super::geo;
+use super::sizes::Sizes;
 use super::{Cut, Figure, Outline, SliceFormat};
 use crate::arrays::Each as _;
 use crate::control::{Control, Part};

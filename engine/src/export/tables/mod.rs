@@ -27,6 +27,7 @@ pub(crate) use surfaces::surface_of;
 pub use templates::{TemplateRecord, read as read_templates};
 pub use text::GrainTable;
 
+use crate::export::provenance::Provenance;
 use crate::packing::Report;
 use source::Zeros;
 
@@ -116,6 +117,23 @@ impl<'de> Deserialize<'de> for Head {
         let report = Report::deserialize(&value).map_err(D::Error::custom)?;
         let Own { job_id, request, engine } = serde_json::from_value(value).map_err(D::Error::custom)?;
         Ok(Self { job_id, request, engine, report })
+    }
+}
+
+/// Where the packing of a result comes from.
+impl From<&Head> for Provenance {
+    fn from(head: &Head) -> Self {
+        let summary = &head.report.summary;
+        Self {
+            job_id: head.job_id.clone(),
+            name: head.request["name"].as_str().map(str::to_owned),
+            seed: head.request["seed"].as_u64(),
+            engine_version: head.engine.version.clone(),
+            volume_fraction_mixture: summary.volume_fraction_mixture,
+            volume_fraction_effective: summary.volume_fraction_effective,
+            aggregates: Self::aggregates_of(&head.request),
+            result_sha256: None,
+        }
     }
 }
 

@@ -2,11 +2,11 @@
 
 use super::super::{Note, Refusal};
 use super::amounts::{Basis, is_all_percent};
-use super::assembly::{Assembly, Contents, TOTAL_TOLERANCE, total_fault};
+use super::assembly::{Assembly, TOTAL_TOLERANCE, total_fault};
 use super::checks::shown;
 use super::draft::Entry;
 use super::ingredients::{Kind, kind};
-use super::parts::{AGGREGATE_KG_M3, Part, density, stated_density, subject, total_of, volume_m3};
+use super::parts::{AGGREGATE_KG_M3, Contents, Part, density, stated_density, subject, total_of, volume_m3};
 use super::scale::of_air;
 use super::sizes::size_mm;
 use super::units::{Of, Unit};

@@ -3,11 +3,11 @@
 
 use super::super::answer::{Recipe, RecipeAddition, RecipeAggregate};
 use super::super::{Note, Refusal};
-use super::amounts::{Assumed, Basis, WATER_KG_M3, basis, has_us_bags, mass};
+use super::amounts::{Assumed, Basis, basis, has_us_bags, mass};
 use super::checks::{check, shown};
 use super::draft::{Draft, Entry};
 use super::ingredients::Kind;
-use super::parts::{Part, density, stated_density, total_of, volume_m3};
+use super::parts::{Contents, Part, density, stated_density, total_of, volume_m3};
 use super::scale::scale;
 use super::units::{CUBIC_YARD_M3, POUND_KG, Unit};
 
@@ -101,38 +101,6 @@ fn in_batch(draft: &Draft, m3: f64) -> Draft {
     let name = if m3 == CUBIC_YARD_M3 { "pounds" } else { "kilograms" };
     draft.notes.push(Note::plain(None, format!("amounts without a unit are read as {name}")));
     draft
-}
-
-/// The parts of a recipe, in its unit.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Contents {
-    pub(super) cement: Vec<Part>,
-    pub(super) additions: Vec<Part>,
-    pub(super) aggregates: Vec<Part>,
-    /// Fibres, and admixtures whose density is stated.
-    pub(super) others: Vec<Part>,
-    pub(super) water: Option<f64>,
-    /// The stated ratio.
-    pub(super) water_cement: Option<f64>,
-    pub(super) air: Option<f64>,
-}
-
-impl Contents {
-    /// What the parts fill without air, in m³.
-    pub(super) fn volume_m3(&self) -> f64 {
-        let parts = [&self.cement, &self.additions, &self.aggregates, &self.others];
-        parts.iter().map(|parts| volume_m3(parts)).sum::<f64>() + self.water.unwrap_or(0.0) / WATER_KG_M3
-    }
-
-    /// Multiplies all masses.
-    pub(super) fn multiply(&mut self, factor: f64) {
-        for parts in [&mut self.cement, &mut self.additions, &mut self.aggregates, &mut self.others] {
-            for part in parts {
-                part.mass *= factor;
-            }
-        }
-        self.water = self.water.map(|water| water * factor);
-    }
 }
 
 pub(super) struct Assembly<'a> {

@@ -1,6 +1,7 @@
-//! Parts of concrete with their masses and densities.
+//! Parts of concrete with their masses and densities, and all parts of a recipe.
 
 use super::super::words::{fold, has};
+use super::amounts::WATER_KG_M3;
 use super::draft::{Draft, Entry};
 use super::ingredients::{Kind, kind};
 use super::labels::Label;
@@ -27,6 +28,38 @@ pub(super) struct Part {
     pub(super) line: u32,
 }
 
+/// The parts of a recipe, in its unit.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Contents {
+    pub(super) cement: Vec<Part>,
+    pub(super) additions: Vec<Part>,
+    pub(super) aggregates: Vec<Part>,
+    /// Fibres, and admixtures whose density is stated.
+    pub(super) others: Vec<Part>,
+    pub(super) water: Option<f64>,
+    /// The stated ratio.
+    pub(super) water_cement: Option<f64>,
+    pub(super) air: Option<f64>,
+}
+
+impl Contents {
+    /// What the parts fill without air, in m³.
+    pub(super) fn volume_m3(&self) -> f64 {
+        let parts = [&self.cement, &self.additions, &self.aggregates, &self.others];
+        parts.iter().map(|parts| volume_m3(parts)).sum::<f64>() + self.water.unwrap_or(0.0) / WATER_KG_M3
+    }
+
+    /// Multiplies all masses.
+    pub(super) fn multiply(&mut self, factor: f64) {
+        for parts in [&mut self.cement, &mut self.additions, &mut self.aggregates, &mut self.others] {
+            for part in parts {
+                part.mass *= factor;
+            }
+        }
+        self.water = self.water.map(|water| water * factor);
+    }
+}
+
 /// The mass of all parts; `None` where there is none.
 pub(super) fn total_of(parts: &[Part]) -> Option<f64> {
     (!parts.is_empty()).then(|| parts.iter().map(|part| part.mass).sum())
@@ -46,7 +79,7 @@ pub(super) fn density(label: &Label) -> f64 {
             if is_slag { SLAG_CEMENT_KG_M3 } else { CEMENT_KG_M3 }
         }
         Kind::Addition(addition) => addition.density_kg_m3(),
-        Kind::Water(_) => super::amounts::WATER_KG_M3,
+        Kind::Water(_) => WATER_KG_M3,
         Kind::Fibre => {
             if has(&folded, "steel|stahl|acier|acero|aco|acciaio|metal") {
                 7850.0

@@ -2,9 +2,9 @@
 
 use super::super::{Note, Refusal};
 use super::amounts::{Basis, is_of_yard};
-use super::assembly::Contents;
 use super::checks::shown;
 use super::draft::{Draft, Entry};
+use super::parts::{Contents, total_of};
 use super::units::{CUBIC_YARD_M3, POUND_KG, Unit};
 
 /// Kilograms without a volume are those of a cubic metre where their parts fill so much, in m³.
@@ -118,12 +118,11 @@ fn by_volume(contents: &mut Contents, volume: f64, what: &str, notes: &mut Vec<N
     let parts = [&contents.cement, &contents.additions, &contents.aggregates];
     let is_stated =
         contents.air.is_some() && parts.iter().all(|parts| parts.iter().all(|part| part.is_stated));
-    let before: Vec<String> =
-        [("cement", super::parts::total_of(&contents.cement)), ("water", contents.water)]
-            .into_iter()
-            .chain([("aggregate", super::parts::total_of(&contents.aggregates))])
-            .filter_map(|(name, mass)| Some(format!("{name} {}", shown(mass?))))
-            .collect();
+    let before: Vec<String> = [("cement", total_of(&contents.cement)), ("water", contents.water)]
+        .into_iter()
+        .chain([("aggregate", total_of(&contents.aggregates))])
+        .filter_map(|(name, mass)| Some(format!("{name} {}", shown(mass?))))
+        .collect();
     let text = format!(
         "{what} ({}) states no volume: its parts are multiplied by {} so that they fill a cubic metre with {}",
         before.join(", "),

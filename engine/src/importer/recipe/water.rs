@@ -1,11 +1,11 @@
 //! Water of a recipe: effective, added or total, and its stated ratio.
 
 use super::super::{Note, Refusal};
-use super::assembly::{Assembly, Contents};
+use super::assembly::Assembly;
 use super::checks::shown;
 use super::draft::Entry;
 use super::ingredients::{Kind, Water};
-use super::parts::{CEMENT_KG_M3, Part, total_of};
+use super::parts::{CEMENT_KG_M3, Contents, Part, total_of};
 
 /// A stated ratio of water may differ from that of the masses by this much without a word, as it is rounded.
 const ROUNDED: f64 = 0.006;

@@ -4,7 +4,7 @@
 //! shows most pairs to be farther apart than the closest known one; only of a pair that is closer the largest gap is
 //! looked for, by bisection between what the normal shows and what is known.
 
-use super::planes::{LANES, NO_NEIGHBOR, is_wall};
+use super::group::{LANES, NO_NEIGHBOR, is_wall};
 use super::system::Part;
 use crate::gap::grain::{ConvexShape, Turned};
 use crate::gap::linear::{Vector, dot, minus, norm, scaled, sum};

@@ -6,8 +6,9 @@
 
 use std::ops::Range;
 
+use super::group::{Group, LANES, Pair, WALL};
 use super::lists::Lists;
-use super::planes::{Decided, Group, LANES, NewPlanes, Pair, WALL};
+use super::planes::{Decided, NewPlanes};
 use super::system::{Part, System};
 use super::window::Window;
 use crate::arrays::Each as _;

@@ -6,7 +6,7 @@
 //! hold for other shapes at a site that lie in its ellipsoid. Candidates come from a grid of levels, a
 //! factor of 1.6 of radius each.
 
-use super::planes::MAX_GRAINS;
+use super::group::MAX_GRAINS;
 use super::system::{Cold, Frame, Hot, System};
 use crate::arrays::Each as _;
 use crate::elementary::{cbrt, ln};

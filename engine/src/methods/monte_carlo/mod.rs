@@ -5,15 +5,17 @@
 //! specimen shrinks (`scale`) onto the grains, which push each other out of the way (`push`). What the pushes leave is
 //! undone in part, so that every cycle ends with a valid packing at its scale.
 //!
-//! From the inside out: `system` has the grains, `planes` the test that all moves share, `lists` finds the neighbours
-//! and `lay_out` lays the planes between them, `halves` says which grains threads may move at the same time, and `run`
-//! strings cycles together.
+//! From the inside out: `group` stores planes, `halves` says which grains threads may move at the same time, `system`
+//! has the grains, `planes` the test that all moves share, `lists` finds the neighbours and `lay_out` lays the planes
+//! between them, `descend` moves grains on several threads, and `run` strings cycles together.
 
 // A call per pair costs more than the test of a pair.
 #![allow(clippy::inline_always)]
 // Axes and lanes are indexed in several arrays at once.
 #![allow(clippy::needless_range_loop)]
 
+mod descend;
+mod group;
 mod halves;
 mod kept;
 mod lay_out;
@@ -50,8 +52,8 @@ use crate::request::GrowthStop;
 use crate::rng::{Stream, stream};
 use crate::segregation::Preference;
 use crate::shape::Pose;
+pub use group::MAX_GRAINS;
 pub(crate) use halves::LEAST_CUT;
-pub use planes::MAX_GRAINS;
 use run::{MOST_SKIN_OVER_D, Run};
 
 /// Grains grow to their target times this, so that the check, which rounds differently, finds no overlap.

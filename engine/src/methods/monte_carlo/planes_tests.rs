@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 use rand_xoshiro::rand_core::SeedableRng as _;
 
+use super::super::group::{LONGEST, NO_NEIGHBOR, SHORTEST};
 use super::super::halves::Halves;
 use super::super::lists::Lists;
 use super::super::system::System;

@@ -8,8 +8,9 @@
 
 use std::num::NonZeroUsize;
 
-use super::halves::descend;
-use super::planes::{Decided, LANES, WALL, is_wall};
+use super::descend::descend;
+use super::group::{LANES, NO_NEIGHBOR, WALL, is_wall};
+use super::planes::Decided;
 use super::scale::{last_bits, with_last_bits};
 use super::system::{Hot, Moved, Part, System, rotation};
 use super::window::Window;
@@ -192,7 +193,7 @@ impl Pusher {
                 for lane in 0..LANES {
                     let planes = &system.groups[group];
                     let neighbor = planes.neighbors[lane];
-                    if neighbor == super::planes::NO_NEIGHBOR {
+                    if neighbor == NO_NEIGHBOR {
                         continue;
                     }
                     if is_wall(neighbor) {

@@ -1,7 +1,8 @@
 //! The specimen shrinks or widens, or the gaps do, with the planes between grains; and whether all gaps are kept.
 
-use super::halves::descend;
-use super::planes::{Decided, LANES, LONGEST, SHORTEST, below, is_wall};
+use super::descend::descend;
+use super::group::{LANES, LONGEST, SHORTEST, below, is_wall};
+use super::planes::Decided;
 use super::system::{Part, System};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};

@@ -7,8 +7,10 @@
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::halves::{Grains, descend};
-use super::planes::{Decided, LANES, LONGEST, NewPlanes, is_wall};
+use super::descend::descend;
+use super::group::{LANES, LONGEST, is_wall};
+use super::halves::Grains;
+use super::planes::{Decided, NewPlanes};
 use super::system::{Hot, Part, System, rotation};
 use crate::arrays::Each as _;
 use crate::cpu::{InstructionSet, Lanes, with_instruction_set};

@@ -7,8 +7,8 @@
 use rand::rand_core::Rng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::halves::descend;
-use super::planes::{LANES, LONGEST, NO_NEIGHBOR, below, is_wall};
+use super::descend::descend;
+use super::group::{LANES, LONGEST, NO_NEIGHBOR, below, is_wall};
 use super::shake::{Pending, fits};
 use super::system::{Hot, Part, System, rotation};
 use crate::arrays::Each as _;

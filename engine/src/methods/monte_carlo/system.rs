@@ -7,8 +7,8 @@
 use std::num::NonZeroUsize;
 use std::ops::Range;
 
+use super::group::Group;
 use super::halves::Halves;
-use super::planes::Group;
 use super::window::Window;
 use crate::arrays::Each as _;
 use crate::cpu::Cpu;

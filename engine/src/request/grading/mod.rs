@@ -10,17 +10,16 @@ use std::borrow::Cow;
 use serde::Serialize;
 
 use super::decode::{At, Bound, Object};
+use super::lengths::LENGTH;
 #[cfg(feature = "openapi")]
 use super::schema;
 use super::sieves::{MOST_UNDERSIZE, complete_below};
-use super::{DEFAULT_D_MIN_MM, MAX_LENGTH_MM, MIN_FULLER_EXPONENT, MIN_LENGTH_MM};
+use super::{DEFAULT_D_MIN_MM, MIN_FULLER_EXPONENT};
 
 pub use law::{By, Distribution, DistributionLaw, Form};
 pub(super) use read::{read_grading, read_named};
 pub use standard::{LimitCurve, Standard};
 
-/// A diameter, a sieve or an edge.
-pub(super) const LENGTH: Bound = Bound::closed(MIN_LENGTH_MM, MAX_LENGTH_MM, "mm");
 /// The exponent of a curve that is a power of the diameter.
 const EXPONENT: Bound = Bound::closed(MIN_FULLER_EXPONENT, 1.0, "");
 /// Mass fractions typed by hand (three thirds as 0.333) may miss 1 by this much.
@@ -334,11 +333,6 @@ impl Grading {
 /// Reads a number of an object that must have it.
 fn number(object: &mut Object<'_>, name: &'static str, bound: Bound) -> Option<f64> {
     object.required(name)?.number(bound)
-}
-
-/// Reads a length of an object that must have it.
-pub(super) fn length(object: &mut Object<'_>, name: &'static str) -> Option<f64> {
-    number(object, name, LENGTH)
 }
 
 /// Reads the cut-off of a field that may be absent. Outside: whether it could be read. Inside: whether there is one.

@@ -5,8 +5,9 @@ use super::read_law::{
     read_rosin_rammler, read_weibull,
 };
 use super::standard::{self, LimitCurve, Standard, StandardGrading};
-use super::{Between, EXPONENT, Grading, LENGTH, SUM_TOLERANCE, SizeClass, SizeShare, length, number};
+use super::{Between, EXPONENT, Grading, SUM_TOLERANCE, SizeClass, SizeShare, number};
 use crate::request::decode::{At, Bound, Object, bounded};
+use crate::request::lengths::{LENGTH, length};
 use crate::request::sieves::{SieveCurve, read_sieves};
 use crate::request::{MAX_CURVE_POINTS, MIN_SHARE};
 use crate::sorting;

@@ -1,9 +1,9 @@
 //! Reads gradings by formulas and by laws out of JSON.
 
 use super::law::{By, DistributionLaw, dreux_bend_mm, dreux_percent, faury_percent};
-use super::{EXPONENT, Grading, LENGTH, length, number};
+use super::{EXPONENT, Grading, number};
 use crate::request::decode::{At, Bound, Object};
-use crate::request::{MAX_LENGTH_MM, MIN_LENGTH_MM};
+use crate::request::lengths::{LENGTH, MAX_LENGTH_MM, MIN_LENGTH_MM, length};
 
 const SIGMA: Bound = Bound::closed(0.01, 3.0, "");
 const DEVIATION: Bound = Bound::closed(1.0e-9, MAX_LENGTH_MM, "mm");

@@ -2,6 +2,7 @@
 //!
 //! Types, bounds and JSON form only; the laws of the axis ratios are those of [`crate::shape::ratios`].
 
+mod presets;
 mod ratios;
 mod read;
 
@@ -11,7 +12,8 @@ use super::Axis;
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
 
-pub(super) use read::{MixShapes, judge_templates, read_mix_shapes, read_orientation};
+pub use presets::ShapePreset;
+pub(super) use read::{MixShapes, read_mix_shapes, read_orientation};
 
 /// Most size classes with a shape of their own.
 pub const MAX_SHAPE_CLASSES: usize = 16;
@@ -277,7 +279,7 @@ impl PlainShape {
     }
 
     /// Number of its templates.
-    fn templates(&self) -> u32 {
+    pub(super) fn templates(&self) -> u32 {
         match self {
             Self::Polyhedron { template_count, .. } => *template_count,
             Self::Sphere {} | Self::Ellipsoid { .. } => 0,

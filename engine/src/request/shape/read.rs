@@ -1,13 +1,13 @@
 //! Reads the shapes of grains and their orientation.
 
+use super::presets::ShapePreset;
 use super::ratios::read_ratios;
 use super::{
     DEFAULT_TEMPLATES, GrainShape, MAX_CONCENTRATION, MAX_FACES, MAX_MIXTURE_PARTS, MAX_SHAPE_CLASSES,
     MAX_TEMPLATES, MIN_FACES, MixturePart, Orientation, PlainShape, ShapeClass, ShapeMixture, TemplateShape,
 };
 use crate::request::decode::{At, Bound, Object, all, bounded, rounded};
-use crate::request::presets::ShapePreset;
-use crate::request::{Axis, MAX_LENGTH_MM, MAX_SEED, Mix, MixPart};
+use crate::request::{Axis, MAX_LENGTH_MM, MAX_SEED};
 use crate::shape::polyhedron::DrawnTemplates;
 use crate::shape::ratios::AxisRatios;
 use crate::sorting;
@@ -75,21 +75,6 @@ fn read_classes(at: &At<'_>) -> Option<Vec<ShapeClass>> {
         return None;
     }
     Some(classes)
-}
-
-/// Judges the number of templates of all shapes of a mix.
-pub(in crate::request) fn judge_templates(at: &At<'_>, mix: &Mix) -> Option<()> {
-    let parts = mix.parts();
-    let shapes = parts.iter().filter_map(MixPart::grain_shapes).flatten();
-    let templates: u32 =
-        shapes.flat_map(|(_, shape)| shape.parts()).map(|(_, shape)| shape.templates()).sum();
-    if templates > MAX_TEMPLATES {
-        at.fault(format!(
-            "the shapes have {templates} templates together: must have at most {MAX_TEMPLATES}; lower template_count"
-        ));
-        return None;
-    }
-    Some(())
 }
 
 /// The kinds of shapes, by their names.

@@ -4,7 +4,7 @@ use crate::properties::properties;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
-use crate::request::presets::ShapePreset;
+use crate::request::ShapePreset;
 use crate::request::{GrainKind, PackingRequest, SizeMeasure};
 
 fn request(fields: &Value) -> Value {

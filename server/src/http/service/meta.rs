@@ -7,7 +7,7 @@ use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse as _, Response};
 use packstone_engine::export::ExportType;
 use packstone_engine::export::tables::EngineInfo;
-use packstone_engine::request::presets::ShapePreset;
+use packstone_engine::request::ShapePreset;
 use packstone_engine::request::standard::{self, StandardGrading};
 use packstone_engine::request::{Grading, MAX_LENGTH_MM, MAX_SEED, MIN_LENGTH_MM, PlainShape, Standard};
 use serde::Serialize;

@@ -6,15 +6,15 @@ use super::dilated::Dilated;
 use crate::arrays::Each as _;
 use crate::domain::Lateral;
 use crate::export::mesh::bodies::{Bodies, MeshModel, PlacedPolyhedron};
-use crate::export::mesh::grain::{self, Faced, Grains};
-use crate::export::mesh::options::{SurfaceOptions, VolumeCorrection};
+use crate::export::mesh::grain::{Faced, Grains};
+use crate::export::mesh::options::{self, SurfaceOptions, VolumeCorrection};
 use crate::export::mesh::size::Other;
 use crate::gap::linear::{Vector, scaled, sum};
 use crate::geometry::convex::directed_edges;
 use crate::memory::OutOfMemory;
 
 /// Share of the gap to a neighbour or a wall that a sphere or an ellipsoid may be enlarged by.
-const GAP_SHARE: f64 = grain::GAP_SHARE / 2.0;
+const GAP_SHARE: f64 = options::GAP_SHARE / 2.0;
 /// Numbers that the kernel gives to what belongs to a sphere or an ellipsoid, of each kind, at most.
 const NUMBERS_OF_CURVED: usize = 8;
 /// The same of a specimen.

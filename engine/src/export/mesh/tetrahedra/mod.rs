@@ -23,6 +23,7 @@ use super::{SurfaceReport, check, estimate, msh};
 use crate::arrays::Each as _;
 use crate::control::{Control, Part, Unattended};
 use crate::elementary::powf;
+use crate::export::estimate::MeshEstimate;
 use crate::export::groups::AggregateGroups;
 use crate::export::mesher::{self, MeshDimension, MesherFiles, MesherInput};
 use crate::export::solid::msh::Bodies;
@@ -199,7 +200,7 @@ pub(super) fn estimated(
     specimen: &Specimen,
     options: &TetrahedronOptions,
     format: &str,
-) -> estimate::MeshEstimate {
+) -> MeshEstimate {
     let elements = options.target_elements.unwrap_or_else(|| {
         let by_size =
             options.tet_size_matrix_mm.map_or(0.0, |size| PER_CUBE * specimen.volume_mm3() / size.powi(3));
@@ -214,7 +215,7 @@ pub(super) fn estimated(
         // 8 bytes a number; triangles on the surfaces are elements too.
         _ => 32 * nodes + 8 * (1 + kind.nodes() as u64) * elements + 8 * (kind.nodes() as u64) * triangles,
     };
-    estimate::MeshEstimate {
+    MeshEstimate {
         triangles,
         bytes,
         tetrahedra: Some(elements),

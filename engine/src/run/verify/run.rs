@@ -1,7 +1,7 @@
 //! What only the run itself knows of a packing: whether its report agrees with the request and with the method that was
 //! used.
 
-use super::verify::VerifyError;
+use super::error::VerifyError;
 use crate::packing::{Grains, MethodUsed, PartialReason, Report, Statistics, Summary};
 use crate::request::{Distance, GrowthBy, GrowthStop, Method, OnLimit, PackingRequest};
 

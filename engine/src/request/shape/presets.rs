@@ -3,7 +3,7 @@
 //! A preset is resolved where a request is read: the stored request has the law of the axis ratios, and the name of the
 //! preset beside it.
 
-use super::shape::PlainShape;
+use super::PlainShape;
 use crate::shape::AxisRatios;
 use crate::shape::ratios::DEFAULT_TARGET_ELONGATION;
 

@@ -5,81 +5,37 @@
 //! the report that follows from the grains is computed again and must be equal; of the others, which only the run
 //! itself knows, the bounds and their agreement with the method are checked.
 
-use std::io;
+mod difference;
+mod error;
+mod run;
+mod stated;
+#[cfg(test)]
+mod tests;
+
 use std::num::NonZeroUsize;
 
-use super::partial::{self, Kept};
+use super::partial::Kept;
 use super::size_scale::{largest_scale, unbounded_scale};
-use super::verify_run::{judge_kept, judge_run, within};
 use super::{Drawn, Figures, as_checked, distance_asked_mm, fraction_of, volume_mm3};
 use crate::check::{self, Scope};
 use crate::control::Control;
 use crate::distance::DistanceRule;
 use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, PlanError, TargetNotReached};
 use crate::export::tables::{self, GrainSource};
-use crate::memory::OutOfMemory;
 use crate::mix::{GradedMix, deviation};
-use crate::packing::{CheckReport, Grains, GrainsRef, GrowthEnd, MethodUsed, Report, Summary};
+use crate::packing::{Grains, GrainsRef, GrowthEnd, Report};
 use crate::plan::{Drawing, Limits};
 use crate::request::{GrowthBy, Method, PackingRequest};
 use crate::shape::Polyhedron;
 use crate::template_cache::TemplateCache;
+use difference::{ROUNDING, equal};
+use run::{judge_kept, judge_run, within};
+
+pub use error::VerifyError;
+pub use stated::{checked_as, compare_stated};
 
 /// How far the length of the quaternion of an orientation may be from 1.
 const UNIT_TOLERANCE: f64 = 1.0e-6;
-/// Relative error of sums of volumes that are computed in another order, and of a scale that is computed again.
-const ROUNDING: f64 = 1.0e-9;
-
-/// Why a packing or a failure was not accepted.
-#[derive(Debug, thiserror::Error)]
-pub enum VerifyError {
-    /// It does not answer the request.
-    #[error("{0}")]
-    Wrong(String),
-    /// The control asked to stop; nothing is said of the packing.
-    #[error("the check was stopped on request")]
-    Stopped,
-    /// The system refused memory that the check needs; nothing is said of the packing.
-    #[error("out of memory: the check needs {} MB more", .bytes.div_ceil(1_000_000))]
-    OutOfMemory {
-        /// Bytes of the allocation that was refused.
-        bytes: u64,
-    },
-    /// The grains could not be read; nothing is said of the packing.
-    #[error("the packing cannot be read: {0}")]
-    Read(io::Error),
-}
-
-impl VerifyError {
-    pub(super) fn wrong<T>(what: impl Into<String>) -> Result<T, Self> {
-        Err(Self::Wrong(what.into()))
-    }
-}
-
-impl From<OutOfMemory> for VerifyError {
-    fn from(OutOfMemory { bytes }: OutOfMemory) -> Self {
-        Self::OutOfMemory { bytes }
-    }
-}
-
-impl From<PackError> for VerifyError {
-    fn from(error: PackError) -> Self {
-        match error {
-            PackError::Stopped { .. } => Self::Stopped,
-            PackError::OutOfMemory { bytes } => Self::OutOfMemory { bytes },
-            other => Self::Wrong(format!("there is no packing of this request: {other}")),
-        }
-    }
-}
-
-impl From<io::Error> for VerifyError {
-    fn from(error: io::Error) -> Self {
-        match error.kind() {
-            io::ErrorKind::InvalidData => Self::Wrong(error.to_string()),
-            _ => Self::Read(error),
-        }
-    }
-}
 
 /// Verifies a packing that was computed elsewhere: its grains are those that the seed draws, they keep their gaps, and
 /// its report is theirs. Templates that earlier runs drew and measured are not drawn again. With
@@ -139,31 +95,6 @@ pub fn verify(
     equal("warnings", &report.warnings, &figures.warnings, 0.0)?;
     equal("segregation", &report.segregation, &figures.segregation, 0.0)?;
     equal("shapes", &report.shapes, &figures.shapes, 0.0)
-}
-
-/// Compares what a result states of a packing, its summary and the figures of its check, with its grains, which passed
-/// the check `found` by the request of [`checked_as`](super::checked_as). The numbers may differ by rounding, for
-/// another build may have computed them; how many pairs were looked at is its own.
-///
-/// # Errors
-/// [`VerifyError::Wrong`] with the first figure that differs.
-pub fn compare_stated(
-    request: &PackingRequest,
-    (summary, check): (&Summary, &CheckReport),
-    grains: &Grains,
-    mut found: check::Check,
-) -> Result<(), VerifyError> {
-    let (checked, _) = partial::checked_as(request, summary)?;
-    let mix = GradedMix::new(&checked.mix, checked.specimen.volume_mm3());
-    let requested = summary.partial.map_or(grains.len() as u64, |partial| partial.grains_requested);
-    let kept = Kept::of_summary(request, summary, requested);
-    let rule = DistanceRule::new(&checked.distance, &checked.specimen);
-    found.found.pairs_checked = check.pairs_checked;
-    equal("check", check, &found.found, ROUNDING)?;
-    let method_used = summary.method_used.unwrap_or(MethodUsed::Rsa);
-    let expected = super::summary(&mix, &rule, grains, method_used, found);
-    let expected = Summary { method_used: summary.method_used, ..kept.in_summary(expected, &mix, &checked) };
-    equal("summary", summary, &expected, ROUNDING)
 }
 
 /// Verifies that a run of a request ended as another process reports: a plan that cannot be made is planned again, and
@@ -410,60 +341,5 @@ fn same_columns(source: &dyn GrainSource, grains: &Grains) -> Result<(), VerifyE
             "grain {grain} has {found} in the column {}: must be {expected}",
             column.name()
         )),
-    }
-}
-
-/// Whether a member of the report is what it must be, bit by bit.
-fn equal<T: serde::Serialize>(
-    name: &str,
-    found: &T,
-    expected: &T,
-    tolerance: f64,
-) -> Result<(), VerifyError> {
-    let value = |member: &T| serde_json::to_value(member).map_err(|error| VerifyError::Read(error.into()));
-    match difference(name, &value(found)?, &value(expected)?, tolerance) {
-        None => Ok(()),
-        Some(what) => VerifyError::wrong(format!("the report does not agree with the grains: {what}")),
-    }
-}
-
-/// The first place where two values differ, numbers by more than this share of what they must be, and how.
-fn difference(
-    place: &str,
-    found: &serde_json::Value,
-    expected: &serde_json::Value,
-    tolerance: f64,
-) -> Option<String> {
-    use serde_json::Value;
-    match (found, expected) {
-        (Value::Object(found), Value::Object(expected)) if found.len() == expected.len() => {
-            expected.iter().find_map(|(name, expected)| {
-                let found = found.get(name).unwrap_or(&Value::Null);
-                difference(&format!("{place}/{name}"), found, expected, tolerance)
-            })
-        }
-        (Value::Array(found), Value::Array(expected)) if found.len() == expected.len() => {
-            let pairs = found.iter().zip(expected).enumerate();
-            pairs.into_iter().find_map(|(i, (found, expected))| {
-                difference(&format!("{place}/{i}"), found, expected, tolerance)
-            })
-        }
-        (Value::Array(found), Value::Array(expected)) => {
-            Some(format!("{place} has {} entries: must have {}", found.len(), expected.len()))
-        }
-        (found, expected) if found == expected => None,
-        (Value::Number(found), Value::Number(expected)) if is_close(found, expected, tolerance) => None,
-        (Value::Number(found), Value::Number(expected)) => {
-            Some(format!("{place} is {found}: must be {expected}"))
-        }
-        _ => Some(format!("{place} is another than it must be")),
-    }
-}
-
-/// Whether a number is the expected one but for this share of it.
-fn is_close(found: &serde_json::Number, expected: &serde_json::Number, tolerance: f64) -> bool {
-    match (found.as_f64(), expected.as_f64()) {
-        (Some(found), Some(expected)) => (found - expected).abs() <= tolerance * expected.abs(),
-        _ => false,
     }
 }

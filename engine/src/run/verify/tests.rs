@@ -6,7 +6,8 @@ use std::io;
 
 use serde_json::{Value, json};
 
-use super::{VerifyError, pack, verify, verify_failure};
+use super::super::pack;
+use super::{VerifyError, verify, verify_failure};
 use crate::check::Scope;
 use crate::control::Unattended;
 use crate::error::{PackError, PlanError, TargetNotReached};
