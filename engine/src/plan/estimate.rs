@@ -185,7 +185,7 @@ impl<'a> Case<'a> {
             self.growth_by_moves()
         } else {
             // The largest distance is looked for until growth stalls, or as long as it may.
-            let target = if maximize { 1.0 } else { filled };
+            let target = (!maximize).then_some(filled);
             MethodEstimate::new(
                 features.growth_success(filled, grains, &options),
                 features.growth_time_s(target, grains, options.stop.events),

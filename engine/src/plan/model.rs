@@ -58,8 +58,15 @@ mod growth {
     pub(super) const LAST_SUCCESS: f64 = 2000.0;
     /// Share of jamming that nine of ten runs reach.
     pub(super) const REACH: f64 = 0.959;
-    /// Events per grain at which growth is usually found to have stalled.
+    /// Events per grain at which growth is usually found to have stalled,
     pub(super) const STALL: f64 = 4000.0;
+    /// and the time of growth that jams near its target, and is expanded and tried again, in that of such a stall.
+    pub(super) const STALLS_NEAR_TARGET: f64 = 7.0;
+    /// Near the reach wide mixes take longer than their events: by this much more at the reach, per standard deviation
+    /// of ln(d) by volume,
+    pub(super) const NEAR: f64 = 8.0;
+    /// and a quarter as much at this share of the reach below it.
+    pub(super) const NEAR_WIDTH: f64 = 0.024;
     /// Microseconds per event while the grains stay in the cache, and the exponent beyond.
     pub(super) const EVENT_US: f64 = 0.56;
     pub(super) const EVENT_CACHE: f64 = 0.39;
@@ -292,12 +299,23 @@ impl Features {
         normal(ln(allowed / needed) / growth::ERROR)
     }
 
-    /// Time of growth in s, to its end or its success, within a limit of events.
-    pub(crate) fn growth_time_s(&self, filled: f64, grains: f64, most_events: Option<u64>) -> f64 {
-        let most = growth::STALL.min(most_events.map_or(f64::INFINITY, |events| events as f64 / grains));
-        let events = self.events_per_grain(filled, grains).min(most);
+    /// Time of growth in s, to its end or its success, within a limit of events; without a target until it stalls.
+    pub(crate) fn growth_time_s(&self, target: Option<f64>, grains: f64, most_events: Option<u64>) -> f64 {
+        let filled = target.unwrap_or(1.0);
+        let events = match target {
+            Some(_) => (self.events_per_grain(filled, grains) * self.longer_near_reach(filled, grains))
+                .min(growth::STALLS_NEAR_TARGET * growth::STALL),
+            None => growth::STALL,
+        };
+        let most = most_events.map_or(f64::INFINITY, |events| events as f64 / grains);
         let placing_s = self.rsa_time_s(self.starts_from(filled), grains, None);
-        placing_s + grains * (start_s(grains) + events * event_s(grains))
+        placing_s + grains * (start_s(grains) + events.min(most) * event_s(grains))
+    }
+
+    /// Factor on the time of events near the reach.
+    fn longer_near_reach(&self, filled: f64, grains: f64) -> f64 {
+        let left = (1.0 - filled / (growth::REACH * self.jamming(grains))).max(0.0);
+        1.0 + growth::NEAR * self.spread / (1.0 + left / growth::NEAR_WIDTH).powi(2)
     }
 
     /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.

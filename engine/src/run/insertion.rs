@@ -1,12 +1,13 @@
 //! How much of a random sequential addition is done, predicted while it runs.
 //!
-//! The work of a grain is the number of draws until one of them finds a place. It grows without bound while the specimen
-//! fills: for spheres and other bodies that are added at random, the volume that is left falls as a power of the number
-//! of draws (Swendsen 1981, 10.1103/PhysRevA.24.504; Viot et al. 1992, 10.1063/1.463820). With the [`Crowding`] `c` of
-//! the size of a grain, its work is taken as `1 + (1 - c / c*)^-4`. The crowding `c*` at which nothing is left is 1 by the
-//! model of `plan`, with an error. The run tells more of it: of the work so far the grains of the last half are the
-//! fewer, the nearer `c*` is. Values of `c*` are weighted by both (Bayes). The power, the error and how far the model is
-//! trusted were chosen on 29 runs near the end of what they reach (`docs/estimates.md`, "Progress").
+//! The work of a grain is the number of draws until one of them finds a place. It grows without bound while the
+//! specimen fills: for spheres and other bodies that are added at random, the volume that is left falls as a power of
+//! the number of draws (Swendsen 1981, 10.1103/PhysRevA.24.504; Viot et al. 1992, 10.1063/1.463820). With the
+//! [`Crowding`] `c` of the size of a grain, its work is taken as `1 + (1 - c / c*)^-4`. The crowding `c*` at which
+//! nothing is left is 1 by the model of `plan`, with an error. The run tells more of it: of the work so far the grains
+//! of the last half are the fewer, the nearer `c*` is. Values of `c*` are weighted by both (Bayes). The power, the
+//! error and how far the model is trusted were chosen on 29 runs near the end of what they reach (`docs/estimates.md`,
+//! "Progress").
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};

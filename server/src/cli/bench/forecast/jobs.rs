@@ -4,8 +4,6 @@
 //! largest volume fraction are looked for with and without each limit, and exports are made of packings. A job runs in
 //! a process of its own, and is judged from 20 to 90 % of its time.
 
-use std::fmt::Write;
-
 use packstone_engine::{Limits, PackingRequest, Plan};
 use serde_json::{Value, json};
 
@@ -20,6 +18,12 @@ const SHARES: [f64; 3] = [0.85, 0.93, 0.98];
 /// CPU time for each job, in s.
 const BUDGET_S: f64 = 60.0;
 
+/// Longest share of a job without a new fraction.
+const MOST_STANDSTILL: f64 = 0.2;
+const HEAD: &str = "| job | CPU s | fraction less share of time | longest standstill \
+                    | remaining time: factor | unknown |\n\
+                    |---|---|---|---|---|---|\n";
+
 /// A job and its name.
 struct Job {
     name: String,
@@ -28,52 +32,49 @@ struct Job {
     export: Option<Value>,
 }
 
-/// Runs all jobs, and prints a line for each and the medians.
+/// Runs all jobs, and prints a line for each, and one of the medians and of the mean of the looks without a remaining
+/// time.
 pub(in super::super) fn run(seed: u64, as_json: bool) -> Result<(), Failure> {
     let jobs = jobs()?;
     let mut found: Vec<Followed> = Vec::new();
-    let mut text = String::from(
-        "| job | CPU s | fraction less share of time | longest standstill | remaining time: factor | unknown |\n\
-         |---|---|---|---|---|---|\n",
-    );
-    let mut rows = Vec::new();
+    if !as_json {
+        print(HEAD)?;
+    }
     for (number, job) in jobs.iter().enumerate() {
         say(&format!("{} of {}: {}", number + 1, jobs.len(), job.name));
-        let task =
-            Task { request: job.request.clone(), seed, most_cpu_s: BUDGET_S, export: job.export.clone() };
-        let outcome = in_own_process(&task)?;
-        rows.push(json!({"job": job.name, "cpu_s": outcome.cpu_s, "progress": outcome.progress}));
-        let Some(of) = outcome.progress else {
-            writeln!(text, "| {} | {:.2} | | | | |", job.name, outcome.cpu_s)?;
-            continue;
+        let (request, export) = (job.request.clone(), job.export.clone());
+        let outcome = in_own_process(&Task { request, seed, most_cpu_s: BUDGET_S, export })?;
+        let row = if as_json {
+            json!({"job": job.name, "cpu_s": outcome.cpu_s, "progress": outcome.progress}).to_string()
+        } else {
+            let figures = outcome.progress.map_or_else(|| " | | | |".into(), |of| figures(&of));
+            format!("| {} | {:.2} |{figures}", job.name, outcome.cpu_s)
         };
-        let factor = of.eta_factor.map_or_else(String::new, |factor| format!("{factor:.2}"));
-        writeln!(
-            text,
-            "| {} | {:.2} | {:.3} | {:.2} | {factor} | {:.2} |",
-            job.name, outcome.cpu_s, of.off, of.standstill, of.eta_null
-        )?;
-        found.push(of);
+        print(&format!("{row}\n"))?;
+        found.extend(outcome.progress);
     }
-    let middle = |of: &dyn Fn(&Followed) -> Option<f64>| {
-        median(found.iter().filter_map(of).collect()).unwrap_or(f64::NAN)
-    };
-    let standing = found.iter().filter(|of| of.standstill > 0.2).count();
-    let unknown = found.iter().map(|of| of.eta_null).sum::<f64>() / found.len().max(1) as f64;
-    let (off, factor) = (middle(&|of| Some(of.off)), middle(&|of| of.eta_factor));
-    if as_json {
-        return print(&format!(
-            "{}\n",
-            json!({"jobs": rows, "off": off, "standing": standing, "eta_factor": factor, "eta_null": unknown})
-        ));
-    }
-    writeln!(
-        text,
-        "| median of {} that take a second (standstills above 0.2; mean of unknown) | | {off:.3} | {standing} | \
-         {factor:.2} | {unknown:.2} |",
-        found.len()
-    )?;
-    print(&text)
+    let middle = |of: &dyn Fn(&Followed) -> Option<f64>| median(found.iter().filter_map(of).collect());
+    let off = middle(&|of| Some(of.off)).unwrap_or(f64::NAN);
+    let standing = found.iter().filter(|of| of.standstill > MOST_STANDSTILL).count();
+    let eta_factor = middle(&|of| of.eta_factor).unwrap_or(f64::NAN);
+    let eta_null = found.iter().map(|of| of.eta_null).sum::<f64>() / found.len().max(1) as f64;
+    let judged = found.len();
+    print(&if as_json {
+        let all = json!({
+            "judged": judged, "off": off, "standing": standing, "eta_factor": eta_factor, "eta_null": eta_null,
+        });
+        format!("{all}\n")
+    } else {
+        format!(
+            "| {judged} of a second | | {off:.3} | {standing} above | {eta_factor:.2} | {eta_null:.2} |\n"
+        )
+    })
+}
+
+/// The cells of a job.
+fn figures(of: &Followed) -> String {
+    let factor = of.eta_factor.map_or_else(String::new, |factor| format!("{factor:.2}"));
+    format!(" {:.3} | {:.2} | {factor} | {:.2} |", of.off, of.standstill, of.eta_null)
 }
 
 /// The jobs.

@@ -3,7 +3,8 @@
 //! `draw` makes the requests, `packing` runs one in a process of its own, and this module looks for what the methods
 //! reach: the volume fraction with coating that 90 % of the runs reach, by bisection. Each request has a record, a file
 //! of JSON, in the folder that `--resume` names. What was measured stays; what plans say is computed anew, so that a
-//! changed model is judged by the same runs. `table` makes the figures; `jobs` follows the progress of jobs of all kinds.
+//! changed model is judged by the same runs. `table` makes the figures; `jobs` follows the progress of jobs of all
+//! kinds.
 
 mod draw;
 mod jobs;

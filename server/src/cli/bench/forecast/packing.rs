@@ -1,4 +1,5 @@
-//! One packing, or one export of a packing, in a process of its own: how it ended, what it took, and how true its progress was.
+//! One packing, or one export of a packing, in a process of its own: how it ended, what it took, and how true its
+//! progress was.
 
 use std::io::{Read, Write};
 use std::process::{Command, Stdio};
