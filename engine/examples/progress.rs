@@ -7,8 +7,8 @@
 //! prints, for each case, the median and the largest difference between the fraction and the share of time, and the
 //! median factor between the predicted and the true remaining time, over the samples between 20 and 90 % of the time.
 //! CPU time is read from `/proc` (Linux), so other programs on the machine do not disturb the measurement. With
-//! `--samples`, all samples of each run are written as CSV. With `--requests`, the cases are those of a file that has one
-//! `{"name": …, "request": …}` a line.
+//! `--samples`, all samples of each run are written as CSV. With `--requests`, the cases are those of a file that has
+//! one `{"name": …, "request": …}` a line.
 
 use std::error::Error;
 use std::fmt::Write as _;

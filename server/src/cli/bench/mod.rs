@@ -1,9 +1,9 @@
 //! `packstone bench`: the engine's figures on this machine, as a table beside what they should be.
 //!
 //! Every case runs in a process of its own, so that its peak of memory is its own. The kernels are measured by `cargo
-//! bench -p packstone-engine`. `forecast` compares plans, and progress, with runs. `cases` lists what is measured, `measure`
-//! measures it, `ladder` finds the highest amount that is reached, `meter` reads the clocks. The table knows problems
-//! and how they ended; it must never know how they are computed.
+//! bench -p packstone-engine`. `forecast` compares plans, and progress, with runs. `cases` lists what is measured,
+//! `measure` measures it, `ladder` finds the highest amount that is reached, `meter` reads the clocks. The table knows
+//! problems and how they ended; it must never know how they are computed.
 
 mod cases;
 mod forecast;
