@@ -134,6 +134,8 @@ pub struct Part<'a> {
     whole: &'a dyn Control,
     from: f64,
     to: f64,
+    /// The fraction of the part by its progress, where it is not the one that is reported.
+    fraction: Option<&'a (dyn Fn(&Progress) -> f64 + Sync)>,
     /// The largest fraction of the part that was reported, as the bits of a float.
     largest: AtomicU64,
 }
@@ -141,7 +143,12 @@ pub struct Part<'a> {
 impl<'a> Part<'a> {
     /// The part of a whole from one fraction to another.
     pub fn new(whole: &'a dyn Control, from: f64, to: f64) -> Self {
-        Self { whole, from, to, largest: AtomicU64::new(0) }
+        Self { whole, from, to, fraction: None, largest: AtomicU64::new(0) }
+    }
+
+    /// The same part with its fraction computed from each progress.
+    pub(crate) fn with_fraction(self, fraction: &'a (dyn Fn(&Progress) -> f64 + Sync)) -> Self {
+        Self { fraction: Some(fraction), ..self }
     }
 
     /// The largest fraction of the whole that was reported.
@@ -152,8 +159,9 @@ impl<'a> Part<'a> {
 
 impl Control for Part<'_> {
     fn report(&self, progress: &Progress) {
+        let fraction = self.fraction.map_or(progress.fraction, |of| of(progress));
         // Bits of floats that are not negative have the order of the floats.
-        self.largest.fetch_max(progress.fraction.max(0.0).to_bits(), Ordering::Relaxed);
+        self.largest.fetch_max(fraction.max(0.0).to_bits(), Ordering::Relaxed);
         self.whole.report(&Progress { fraction: self.reached(), ..progress.clone() });
     }
 
@@ -256,8 +264,10 @@ mod tests {
         }
         assert!(part.should_stop() && part.wants_checkpoint());
         assert_eq!(part.reached(), 1.0);
+        let squared = |progress: &Progress| progress.fraction * progress.fraction;
+        Part::new(&heard, 0.0, 1.0).with_fraction(&squared).report(&at(0.5));
         let heard = heard.0.into_inner().unwrap_or_default();
-        assert_eq!(heard, [0.5, 0.75, 0.75, 0.75, 0.75, 1.0]);
+        assert_eq!(heard, [0.5, 0.75, 0.75, 0.75, 0.75, 1.0, 0.25]);
     }
 
     #[test]

@@ -116,7 +116,8 @@ pub(super) fn limits(case: &Case<'_>, memory_bytes: u64, limits: &Limits) -> Res
     }
     if memory_bytes > limits.max_memory_bytes {
         return too_large(format!(
-            "the mix has about {grains:.0} grains above {} mm, which take about {memory_bytes} bytes of memory: must be at most {}",
+            "the mix has about {grains:.0} grains above {} mm, which take about {memory_bytes} bytes of memory: must be \
+             at most {}",
             mix.d_min_mm, limits.max_memory_bytes
         ));
     }

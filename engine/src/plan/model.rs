@@ -295,8 +295,8 @@ impl Features {
     /// Probability that growth reaches a volume fraction.
     pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &GrowthOptions) -> f64 {
         let needed = self.events_per_grain(filled, grains);
-        let allowed = growth::LAST_SUCCESS.min(Self::events_allowed(grains, options));
-        normal(ln(allowed / needed) / growth::ERROR)
+        let allowed = Self::events_allowed(grains, options) / self.longer_near_reach(filled, grains);
+        normal(ln(allowed.min(growth::LAST_SUCCESS) / needed) / growth::ERROR)
     }
 
     /// Time of growth in s, to its end or its success, within a limit of events; without a target until it stalls.

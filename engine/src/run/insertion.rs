@@ -4,16 +4,14 @@
 //! specimen fills: for spheres and other bodies that are added at random, the volume that is left falls as a power of
 //! the number of draws (Swendsen 1981, 10.1103/PhysRevA.24.504; Viot et al. 1992, 10.1063/1.463820). With the
 //! [`Crowding`] `c` of the size of a grain, its work is taken as `1 + (1 - c / c*)^-4`. The crowding `c*` at which
-//! nothing is left is 1 by the model of `plan`, with an error. The run tells more of it: of the work so far the grains
-//! of the last half are the fewer, the nearer `c*` is. Values of `c*` are weighted by both (Bayes). The power, the
-//! error and how far the model is trusted were chosen on 29 runs near the end of what they reach (`docs/estimates.md`,
-//! "Progress").
+//! nothing is left is 1 by the model of `plan`, with an error. The run tells more: the nearer `c*` is, the fewer grains
+//! take the last half of the work so far. Values of `c*` are weighted by both (Bayes). The power, the error and the
+//! weight of the model were chosen on 29 runs near the end of what they reach (`docs/estimates.md`, "Progress").
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-use crate::checkpoint::Checkpoint;
-use crate::control::{Control, Finish, Progress, Step};
+use crate::control::Progress;
 use crate::elementary::{exp, ln};
 use crate::plan::Crowding;
 
@@ -33,9 +31,8 @@ const MOST_TELLING: f64 = 200.0;
 const CROWDING_STEP: f64 = 0.01;
 const GRAINS_STEP: f64 = 1.0 / 128.0;
 
-/// Control of a random sequential addition: its progress becomes the share of its work.
-pub(super) struct Insertion<'a> {
-    whole: &'a dyn Control,
+/// The share of its work that a random sequential addition has done.
+pub(super) struct Insertion {
     forecast: Forecast,
     /// Looks at the control that the draws for one grain may last; a look comes after a number of draws.
     most_looks: f64,
@@ -51,50 +48,19 @@ struct Noted {
     placed_at: f64,
     /// Looks and grains placed, from about half of the work so far on.
     points: VecDeque<[f64; 2]>,
-    /// The largest fraction that was reported.
-    fraction: f64,
 }
 
-impl<'a> Insertion<'a> {
-    /// Control of grains of this crowding. For one of them at most so many looks at the control are made, if there is a
-    /// limit.
-    pub(super) fn new(whole: &'a dyn Control, crowding: &[Crowding], most_looks: f64) -> Self {
-        Self { whole, forecast: Forecast::new(crowding), most_looks, noted: Mutex::default() }
+impl Insertion {
+    /// Of grains of this crowding. For one of them at most so many looks at the control are made, if there is a limit.
+    pub(super) fn new(crowding: &[Crowding], most_looks: f64) -> Self {
+        Self { forecast: Forecast::new(crowding), most_looks, noted: Mutex::default() }
     }
-}
 
-impl Control for Insertion<'_> {
-    fn report(&self, progress: &Progress) {
-        if progress.step != Step::Rsa {
-            return self.whole.report(progress);
-        }
+    /// The share by one more look.
+    pub(super) fn fraction(&self, progress: &Progress) -> f64 {
         let mut noted = self.noted.lock().unwrap_or_else(PoisonError::into_inner);
         noted.note(progress.fraction);
-        let fraction = self.forecast.fraction(&noted, self.most_looks);
-        noted.fraction = noted.fraction.max(fraction);
-        let fraction = noted.fraction;
-        drop(noted);
-        self.whole.report(&Progress { fraction, ..progress.clone() });
-    }
-
-    fn should_stop(&self) -> bool {
-        self.whole.should_stop()
-    }
-
-    fn should_finish(&self) -> Option<Finish> {
-        self.whole.should_finish()
-    }
-
-    fn wants_last_checkpoint(&self) -> bool {
-        self.whole.wants_last_checkpoint()
-    }
-
-    fn wants_checkpoint(&self) -> bool {
-        self.whole.wants_checkpoint()
-    }
-
-    fn keep_checkpoint(&self, checkpoint: &Checkpoint<'_>) {
-        self.whole.keep_checkpoint(checkpoint);
+        self.forecast.fraction(&noted, self.most_looks)
     }
 }
 
@@ -207,7 +173,7 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     use super::*;
-    use crate::control::Unattended;
+    use crate::control::Step;
     use crate::rng::uniform;
 
     /// Draws between two looks.
@@ -221,13 +187,15 @@ mod tests {
     /// Fractions at each look of a run whose grains take draws at random, by their crowding and that at which nothing
     /// is left; for one grain at most so many looks.
     fn followed(crowding: &[Crowding], end: f64, most_looks: f64, seed: u64) -> Vec<f64> {
-        let insertion = Insertion::new(&Unattended, crowding, most_looks);
+        let insertion = Insertion::new(crowding, most_looks);
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let total = crowding.last().unwrap().number as usize;
         let (mut fractions, mut draws) = (Vec::new(), 0.0);
+        let mut largest = 0.0_f64;
+        // As a part reports them, whose fraction never falls.
         let mut look = |placed: usize| {
-            insertion.report(&Progress::counted(Step::Rsa, placed, total, "grains", ""));
-            fractions.push(insertion.noted.lock().unwrap().fraction);
+            largest = largest.max(insertion.fraction(&Progress::counted(Step::Rsa, placed, total, "", "")));
+            fractions.push(largest);
         };
         for grain in 0..total {
             let size = crowding.partition_point(|of| of.number <= grain as f64);

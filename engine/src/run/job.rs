@@ -8,7 +8,7 @@ use super::{
     Growing, PACKING_SHARE, Placed, distance_asked_mm, finish_reason, fraction_of, not_grown, stopped,
 };
 use crate::checkpoint::Resume;
-use crate::control::{Control, Part, StopToFinish};
+use crate::control::{Control, Part, Progress, StopToFinish};
 use crate::error::{GrowthEffort, GrowthStopped, InsertionFailed, PackError, TargetNotReached};
 use crate::memory::OutOfMemory;
 use crate::methods::addition::{self, End};
@@ -137,9 +137,11 @@ fn insert<'a>(
 ) -> Result<Placed, PackError> {
     let start = Instant::now();
     let crowding = plan::crowding(job.run().request, job.mix());
-    let insertion = Insertion::new(control, &crowding, job.most_looks(attempts_per_grain, is_alone));
+    let insertion = Insertion::new(&crowding, job.most_looks(attempts_per_grain, is_alone));
+    let fraction = |progress: &Progress| insertion.fraction(progress);
+    let part = Part::new(control, 0.0, 1.0).with_fraction(&fraction);
     let addition::Outcome { placed: places, statistics, end } =
-        job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&insertion))?;
+        job.insert(attempts_per_grain, is_alone, &StopToFinish::new(&part))?;
     let placed = places.len();
     let short = kept_insertion(&job.run(), end, placed, control);
     if end == End::Complete || short.is_some() {

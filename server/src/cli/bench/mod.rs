@@ -47,7 +47,7 @@ pub(super) struct Options {
     /// Folder of the records of `--only forecast`, which are not measured twice
     #[arg(long, value_name = "FOLDER")]
     resume: Option<PathBuf>,
-    /// CPU seconds that `--only forecast` gives a run; one that takes longer has not reached its volume fraction
+    /// CPU seconds that `--only forecast` gives a run; a reach that is decided by one that takes longer is left out
     #[arg(long, value_name = "S", default_value_t = 200.0)]
     budget: f64,
     /// Most grains of the requests that `--only forecast` draws
