@@ -14,7 +14,8 @@ use crate::methods::edmd::Expected;
 use crate::methods::rsa_shapes::MOST_DRAWS;
 use crate::mix::{GradedMix, MeanForm};
 use crate::request::{
-    Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFractionOf,
+    Distance, GrowthBy, GrowthOptions, Method, PackingRequest, Segregation, Specimen, VolumeFraction,
+    VolumeFractionOf,
 };
 
 /// Expected grains below which there is one.
@@ -289,16 +290,18 @@ impl<'a> Case<'a> {
     }
 
     pub(super) fn proposal(&self) -> Proposal {
-        let requested = match self.request.mix.volume_fraction_of {
-            VolumeFractionOf::AllAggregate => self.mix.volume_fraction_mixture,
-            VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
-        };
         let volume_fraction = self.mix.has_requested_volume().then(|| {
-            // A sphere that fits has a place.
-            let is_certain = self.grains < ONE && self.mix.shapes.is_none();
-            let least = if is_certain { self.filled } else { 0.0 };
-            let likely = bisect(0.0, 1.0, |filled| self.is_likely(&self.features, filled)).max(least);
-            round(requested * likely / self.filled).min(1.0)
+            // What is reached depends on the number of grains, which is that of the proposal.
+            let first = self.likely_volume_fraction();
+            if first <= 0.0 {
+                return first;
+            }
+            let mut request = self.request.clone();
+            request.mix.volume_fraction = Some(VolumeFraction::Of(first));
+            let mix = GradedMix::new(&request.mix, self.mix.specimen_volume_mm3);
+            let rule = DistanceRule::new(&request.distance, &request.specimen);
+            let proposed = Case::of_mix(&request, &mix, &rule).with_jamming(self.to_jamming);
+            round(proposed.likely_volume_fraction()).min(1.0)
         });
         let distance_mm = match self.request.distance {
             Distance::None { wall_gap_mm: None }
@@ -313,6 +316,19 @@ impl<'a> Case<'a> {
             _ => None,
         };
         Proposal { volume_fraction, distance_mm, specimen: None }
+    }
+
+    /// The largest `mix.volume_fraction` that so many grains are likely to reach, in the basis of the request.
+    fn likely_volume_fraction(&self) -> f64 {
+        let requested = match self.request.mix.volume_fraction_of {
+            VolumeFractionOf::AllAggregate => self.mix.volume_fraction_mixture,
+            VolumeFractionOf::PlacedGrains => self.mix.volume_fraction_effective,
+        };
+        // A sphere that fits has a place.
+        let is_certain = self.grains < ONE && self.mix.shapes.is_none();
+        let least = if is_certain { self.filled } else { 0.0 };
+        let likely = bisect(0.0, 1.0, |filled| self.is_likely(&self.features, filled)).max(least);
+        requested * likely / self.filled
     }
 
     /// Whether a constant distance is likely to be reached.

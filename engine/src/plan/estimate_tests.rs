@@ -134,6 +134,28 @@ fn a_proposal_is_likely() {
 }
 
 #[test]
+fn a_proposal_of_a_loose_request_is_that_of_a_dense_one() {
+    // From 0.2 to what is reached the number of grains triples, and with it what they reach.
+    for method in ["rsa", "edmd"] {
+        let proposed = |fraction: f64| {
+            let value = json!({
+                "specimen": {"type": "box", "size_mm": [40, 40, 40]},
+                "mix": {"grading": {"type": "fuller", "d_max_mm": 8, "exponent": 0.5}, "d_min_mm": 4,
+                    "volume_fraction": fraction, "volume_fraction_of": "placed_grains"},
+                "method": {"type": method},
+            });
+            let request = PackingRequest::from_json(&value, 1).unwrap();
+            let plan = Plan::new(&request, &Limits::default()).unwrap().with_proposal(&request);
+            (plan.success_probability, plan.proposal.unwrap().volume_fraction.unwrap())
+        };
+        let (loose, dense) = (proposed(0.2).1, proposed(0.45).1);
+        assert!((loose / dense - 1.0).abs() < 0.004, "{method}: {loose} {dense}");
+        let probability = proposed(loose).0;
+        assert!((0.88..0.93).contains(&probability), "{method}: {probability}");
+    }
+}
+
+#[test]
 fn what_was_not_studied_is_said() {
     let beyond = |value: &Value| {
         Plan::new(&PackingRequest::from_json(value, 1).unwrap(), &Limits::default()).unwrap().extrapolations
