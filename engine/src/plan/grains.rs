@@ -55,11 +55,15 @@ pub(super) fn sizes(mix: &GradedMix, form: MeanForm, factor: f64, offset: f64) -
     sizes
 }
 
-/// Product of the surface and the mean width over those of spheres, in the mean by volume: 1 for spheres.
-pub(super) fn surface_times_width(sizes: &[Size]) -> f64 {
+/// The surface and the mean width over those of spheres, in the mean by volume: 1 and 1 for spheres.
+pub(super) fn surface_and_width(sizes: &[Size]) -> [f64; 2] {
     let sum = |of: &dyn Fn(&Size) -> f64| -> f64 {
         sizes.iter().map(|size| size.number * size.diameter.powi(3) * of(size)).sum()
     };
     let volume = sum(&|_| 1.0);
-    if volume > 0.0 { sum(&|size| size.surface) * sum(&|size| size.width) / volume.powi(2) } else { 1.0 }
+    if volume > 0.0 {
+        [sum(&|size| size.surface) / volume, sum(&|size| size.width) / volume]
+    } else {
+        [1.0; 2]
+    }
 }

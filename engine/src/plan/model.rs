@@ -75,18 +75,25 @@ mod growth {
     pub(super) const START_CACHE: f64 = 0.25;
 }
 
-/// Growth by moves of grains that are no spheres: what it reaches over what growth of spheres does, by the surface and
-/// the mean width over those of spheres.
+/// Growth by moves: what it reaches over what growth of spheres does, by the form of the grains. All but the first
+/// number are per unit of ln.
 mod moves {
     /// ln of the share of grains that are a little longer or flatter: they pack denser (Donev et al. 2004,
     /// 10.1126/science.1093010),
-    pub(super) const ASPHERICAL: f64 = 0.17;
+    pub(super) const ASPHERICAL: f64 = 0.051;
     /// which is reached at about this ln of surface times width;
     pub(super) const SMALL: f64 = 0.08;
-    /// and per this ln.
-    pub(super) const FORM: f64 = -0.401;
+    /// per ln of the surface, and of the mean width, over those of spheres;
+    pub(super) const SURFACE: f64 = -0.187;
+    pub(super) const WIDTH: f64 = -0.300;
+    /// of polyhedra;
+    pub(super) const ANGULAR: f64 = -0.040;
+    /// and per inverse cube root of the number of grains: few grains order.
+    pub(super) const FEW: f64 = 0.255;
+    /// Share of jamming that nine of ten runs reach.
+    pub(super) const REACH: f64 = 0.98;
     /// Standard error of the reach on the mixes of the fit, and of single runs.
-    pub(super) const ERROR: f64 = 0.025;
+    pub(super) const ERROR: f64 = 0.018;
     pub(super) const RUNS: f64 = 0.006;
 }
 
@@ -149,8 +156,11 @@ pub(crate) struct Features {
     walls: f64,
     /// Largest diameter over the smallest.
     ratio: f64,
-    /// Surface times mean width of the grains over those of spheres.
-    form: f64,
+    /// Surface and mean width of the grains over those of spheres, by volume,
+    surface: f64,
+    width: f64,
+    /// and the share of them that is angular.
+    angular: f64,
 }
 
 impl Features {
@@ -171,6 +181,7 @@ impl Features {
         let random::Reach { volume_fraction: random, ending_share } =
             random::reach(grains, walls_per_mm, angular);
         let variance = moment(&|d| d.powi(3) * (ln(d) - mean).powi(2)) / volume;
+        let [surface, width] = grains::surface_and_width(grains);
         Self {
             random_close: random_close(sizes),
             spread: variance.sqrt(),
@@ -181,7 +192,9 @@ impl Features {
             grains: number,
             walls: walls_per_mm * volume / moment(&|d| d * d),
             ratio: largest / least,
-            form: grains::surface_times_width(grains),
+            surface,
+            width,
+            angular,
         }
     }
 
@@ -197,7 +210,7 @@ impl Features {
 
     /// Surface times mean width of the grains over those of spheres.
     pub(crate) fn form(&self) -> f64 {
-        self.form
+        self.surface * self.width
     }
 
     /// Share of the number of grains that are at least as large as those that end random addition.
@@ -325,14 +338,18 @@ impl Features {
 
     /// Volume fraction, coating included, that nine of ten runs of growth by moves reach.
     pub(crate) fn moves_limit(&self, grains: f64) -> f64 {
-        growth::REACH * self.moves_jamming(grains)
+        let (surface, width) = (ln(self.surface), ln(self.width));
+        let by_form = moves::ASPHERICAL * (1.0 - exp(-(surface + width) / moves::SMALL))
+            + moves::SURFACE * surface
+            + moves::WIDTH * width
+            + moves::ANGULAR * self.angular
+            + moves::FEW * powf(grains.max(1.0), -1.0 / 3.0);
+        (growth::REACH * self.jamming(grains) * exp(by_form)).min(moves::REACH)
     }
 
     /// Volume fraction, coating included, at which so many grains jam that grow by moves.
     pub(crate) fn moves_jamming(&self, grains: f64) -> f64 {
-        let form = ln(self.form);
-        let by_form = moves::ASPHERICAL * (1.0 - exp(-form / moves::SMALL)) + moves::FORM * form;
-        (self.jamming(grains) * exp(by_form)).min(1.0)
+        self.moves_limit(grains) / moves::REACH
     }
 
     /// Probability that growth by moves reaches a volume fraction.

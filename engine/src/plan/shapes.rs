@@ -20,21 +20,22 @@ pub(super) const EQUAL_POLYHEDRA: f64 = 1.0;
 /// Relative error of lengths that were searched for.
 const ROUNDING: f64 = 1.0e-5;
 /// Times of grains of other shapes, by the product of their surface and mean width over those of spheres less 1, `e`,
-/// and by the share of polyhedra. Fitted to 13 mixes of some 8000 grains (`docs/estimates.md`).
+/// and by the share of polyhedra (`docs/estimates.md`).
 mod time {
-    /// Growth by moves, of spheres far from jamming, in microseconds per grain.
-    pub(super) const MOVES_US: f64 = 0.769;
-    /// It takes longer by this share for all other grains, which turn, from about this `e` on;
-    pub(super) const MOVES_TURNING: f64 = 0.587;
-    pub(super) const MOVES_ROUND: f64 = 0.02;
-    /// per `e`, and for polyhedra;
-    pub(super) const MOVES_FORM: f64 = 19.1;
-    pub(super) const MOVES_ANGULAR: f64 = 11.9;
-    /// and by this power of the share of the reach that is left, and this much more.
-    pub(super) const MOVES_POWER: f64 = -2.86;
-    pub(super) const MOVES_LEFT: f64 = 0.086;
+    /// Growth by moves, of spheres, in microseconds per grain at the factor 1 of what follows.
+    pub(super) const MOVES_US: f64 = 2.8;
+    /// It takes longer by this much per `e`, and for polyhedra by this much and this power of their share.
+    pub(super) const MOVES_FORM: f64 = 9.2;
+    pub(super) const MOVES_ANGULAR: f64 = 4.3;
+    pub(super) const MOVES_ANGULAR_POWER: f64 = 0.6;
+    /// Growth takes this power of the share of the reach that is left, and this much more;
+    pub(super) const MOVES_POWER: f64 = -1.38;
+    pub(super) const MOVES_LEFT: f64 = 0.012;
+    /// its start from random addition a factor, and the power of the share of the reach.
+    pub(super) const MOVES_START: f64 = 20.3;
+    pub(super) const MOVES_START_POWER: f64 = 5.7;
     /// Without a target grains grow until nothing moves: that factor, by one run.
-    pub(super) const TO_JAMMING: f64 = 9.0e4;
+    pub(super) const TO_JAMMING: f64 = 8.0e4;
     /// Random addition, of spheres and of far other shapes beside, in microseconds per grain at the reach,
     pub(super) const RANDOM_US: [f64; 2] = [4.55, 2225.0];
     /// how fast that falls off below it (exponent per share of it),
@@ -47,7 +48,8 @@ mod time {
     pub(super) const DRAW_US: [f64; 2] = [0.65, 2.2];
     /// Up to this number of grains the time is the same: a cycle has a least number of moves.
     pub(super) const FEW: f64 = 150.0;
-    /// Times are those of this number of grains; more take longer each, by this power of their number.
+    /// Times of random addition are those of this number of grains; more take longer each, by this power of their
+    /// number.
     pub(super) const GRAINS: f64 = 8000.0;
     pub(super) const GRAINS_POWER: f64 = 0.1;
     /// Time of the templates of polyhedra in s.
@@ -67,12 +69,14 @@ pub(super) fn extrapolation(kind: GrainKind) -> Option<&'static str> {
 /// Time of growth by moves in s, to a share of the volume fraction that it reaches or until the grains jam; `form` is
 /// the surface times the mean width over those of spheres, `angular` the share of polyhedra.
 pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) -> f64 {
-    let e = form - 1.0;
-    let turning = time::MOVES_TURNING * (1.0 - exp(-e / time::MOVES_ROUND));
-    let us = time::MOVES_US * (1.0 + turning + time::MOVES_FORM * e + time::MOVES_ANGULAR * angular);
-    let steps = share
-        .map_or(time::TO_JAMMING, |share| powf(1.0 - share.min(1.0) + time::MOVES_LEFT, time::MOVES_POWER));
-    templates_s(angular) + of_grains_s(us, grains.max(time::FEW)) * steps
+    let of_angular = time::MOVES_ANGULAR * powf(angular, time::MOVES_ANGULAR_POWER);
+    let us = time::MOVES_US * (1.0 + time::MOVES_FORM * (form - 1.0) + of_angular);
+    let to_share = |share: f64| {
+        powf(1.0 - share + time::MOVES_LEFT, time::MOVES_POWER)
+            + time::MOVES_START * powf(share, time::MOVES_START_POWER)
+    };
+    let steps = share.map_or(time::TO_JAMMING, |share| to_share(share.min(1.0)));
+    templates_s(angular) + us * 1e-6 * grains.max(time::FEW) * steps
 }
 
 /// The same of random addition of shaped grains. `ending_share` of the grains are at least as large as those that end
@@ -95,7 +99,7 @@ pub(super) fn random_s(
         + last_draws * 1e-6 * (draw + of_form * (1.0 - exp(1.0 - form)))
 }
 
-/// Time in s that grains take at so many microseconds each.
+/// Time in s that grains which are added at random take at so many microseconds each.
 fn of_grains_s(us: f64, grains: f64) -> f64 {
     us * 1e-6 * grains * powf(grains / time::GRAINS, time::GRAINS_POWER)
 }
