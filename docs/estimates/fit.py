@@ -69,6 +69,12 @@ def random_close(d, number, rods=1000):
     return lengths.sum() / (lengths.sum() - sum(gaps))
 
 
+def shapes(row):
+    """The shapes of a request with their shares."""
+    shape = row["request"]["mix"].get("shape", {"type": "sphere"})
+    return [(part["share"], part["shape"]) for part in shape["of"]] if "of" in shape else [(1, shape)]
+
+
 def with_features(row):
     """Adds what the formulas need of the sizes."""
     inputs = row["inputs"]
@@ -82,7 +88,9 @@ def with_features(row):
                walls=inputs["walls"], walls_of_mean=inputs["walls"] / (shares / d).sum(), ratio=most / least,
                coating=(number * d**3).sum() / (number * (d - gap) ** 3).sum(),
                form=np.log([(shares * surface).sum(), (shares * width).sum()]),
-               angular=float(row["request"]["mix"].get("shape", {}).get("type") == "polyhedron"))
+               angular=sum(share for share, shape in shapes(row) if shape["type"] == "polyhedron"),
+               cuboid=sum(share * (shape.get("rounding", 0) == 0) for share, shape in shapes(row)
+                          if shape.get("template") == "cube"))
     # The limit of random addition by which growth starts, `start` in model.rs.
     fines = mean - math.log(least)
     row["limit"] = 1 - math.exp(-(0.5195 - 0.688 * spread + 0.9128 * fines - 0.1216 * row["walls_of_mean"]))
@@ -190,12 +198,14 @@ def main():
     print(f"  REACH: {np.mean(share):.3f}")
 
     def moves(y, row):
-        aspherical, per_form = y
-        form = row["form"].sum()
-        by_form = aspherical * (1 - math.exp(-form / 0.08)) + per_form * form
+        aspherical, surface, width, angular, cuboid, few = y
+        by_form = aspherical + few * row["grains"] ** (-1 / 3)
+        by_form *= 1 - math.exp(-row["form"].sum() / 0.08)
+        by_form += row["form"] @ [surface, width] + angular * row["angular"] + cuboid * row["cuboid"]
         return np.mean(share) * jamming(x[4:], row, row["grains"]) * math.exp(by_form)
 
-    fit("by moves: ASPHERICAL, FORM", error(moves, "moves"), [0.12, -0.33])
+    fit("by moves: ASPHERICAL, SURFACE, WIDTH, ANGULAR, CUBOID, FEW", error(moves, "moves"),
+        [0.05, -0.2, -0.3, -0.04, 0.13, 0.25])
 
 
 if sys.argv[1:2] == ["rows"]:

@@ -45,6 +45,7 @@ fn jammed<S: ConvexShape>(shape: S, grains: usize, sweeps: u64, seed: u64) -> Op
         to_jamming: None,
         keeps_partial: false,
         threads: std::num::NonZeroUsize::MIN,
+        target_share: 0.9,
     };
     growth.run(None, &Unattended).ok()
 }

@@ -116,6 +116,7 @@ fn grown(specimen: &Specimen, distance: &Distance, shapes: &[SolidRef<'_>]) -> V
         to_jamming: None,
         keeps_partial: false,
         threads: NonZeroUsize::MIN,
+        target_share: monte_carlo::USUAL_TARGET_SHARE,
     }
     .run(None, &Unattended)
     .unwrap();

@@ -14,7 +14,7 @@ use serde_json::json;
 
 use super::addition::End;
 use super::growth::Outcome;
-use super::monte_carlo::MonteCarlo;
+use super::monte_carlo::{MonteCarlo, USUAL_TARGET_SHARE};
 use super::rsa_shapes::{AttemptsIn, ShapeRsa};
 use crate::check::certify_shapes;
 use crate::control::{Control, Progress, Unattended};
@@ -123,6 +123,7 @@ fn growth<'a>(
         to_jamming: None,
         keeps_partial: false,
         threads: NonZeroUsize::MIN,
+        target_share: USUAL_TARGET_SHARE,
     }
 }
 

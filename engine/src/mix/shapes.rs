@@ -160,13 +160,15 @@ pub(crate) struct MeanForm {
     pub(crate) surface: f64,
     /// Mean width over its diameter.
     pub(crate) width: f64,
-    /// Share of polyhedra.
+    /// Share of polyhedra,
     pub(crate) angular: f64,
+    /// and of parallelepipeds, less what is round of them.
+    pub(crate) cuboid: f64,
 }
 
 impl MeanForm {
     /// The form of spheres.
-    pub(crate) const SPHERE: Self = Self { surface: 1.0, width: 1.0, angular: 0.0 };
+    pub(crate) const SPHERE: Self = Self { surface: 1.0, width: 1.0, angular: 0.0, cuboid: 0.0 };
 }
 
 impl ShapeSampler {
@@ -236,27 +238,42 @@ impl ShapeSampler {
 
     /// The mean form of the grains by number. Aggregates and ranges of sizes with shapes of their own count alike.
     pub(crate) fn mean_form(&self) -> MeanForm {
-        let (mut all, mut sum) = (0.0, MeanForm { surface: 0.0, width: 0.0, angular: 0.0 });
+        let (mut all, mut sum) = (0.0, MeanForm { surface: 0.0, width: 0.0, ..MeanForm::SPHERE });
         for shapes in self.by_part.iter().flatten() {
             let mut before = 0.0;
             for part in &shapes.parts {
                 let mut bodies = Vec::new();
                 part.forms.add_bodies(part.cumulative - before, self.measure, &mut bodies);
                 before = part.cumulative;
-                let is_angular = matches!(part.forms, Forms::Polyhedra { .. });
+                let angular = if let Forms::Polyhedra { templates, .. } = &part.forms {
+                    let of_body = |body: &Polyhedron| {
+                        if body.is_parallelepiped() { (1.0 - body.roundness()).max(0.0) } else { 0.0 }
+                    };
+                    let of_bodies = templates.bodies().iter().map(of_body).sum::<f64>();
+                    [1.0, of_bodies / templates.len() as f64]
+                } else {
+                    [0.0; 2]
+                };
                 for (share, _, body) in bodies {
                     let ball = ParallelBody::of_ball(cbrt(body.volume / sphere_volume(1.0)));
                     all += share;
                     sum.surface += share * body.surface / ball.surface;
                     sum.width += share * body.mean_curvature / ball.mean_curvature;
-                    sum.angular += share * f64::from(is_angular);
+                    sum.angular += share * angular[0];
+                    sum.cuboid += share * angular[1];
                 }
             }
         }
         if all == 0.0 {
             return MeanForm::SPHERE;
         }
-        MeanForm { surface: sum.surface / all, width: sum.width / all, angular: sum.angular / all }
+        let of = |sum: f64| sum / all;
+        MeanForm {
+            surface: of(sum.surface),
+            width: of(sum.width),
+            angular: of(sum.angular),
+            cuboid: of(sum.cuboid),
+        }
     }
 
     fn of_size(&self, part: u16, size_mm: f64) -> Option<&ShapesAbove> {

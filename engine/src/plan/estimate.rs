@@ -396,7 +396,7 @@ fn features(request: &PackingRequest, mix: &GradedMix, form: MeanForm, factor: f
         &grains::sizes(mix, form, factor, offset),
         [mix.d_min_mm, mix.d_max_mm].map(enlarged),
         request.specimen.domain().walls_per_mm(),
-        form.angular,
+        form,
     )
 }
 

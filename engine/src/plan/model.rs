@@ -10,6 +10,7 @@ use super::random;
 use super::rods::random_close;
 use crate::elementary::{exp, ln, log10, powf};
 use crate::methods::edmd::MOST_START;
+use crate::mix::MeanForm;
 use crate::request::GrowthOptions;
 
 /// Random sequential addition, whose reach is that of [`random`](super::random).
@@ -75,21 +76,21 @@ mod growth {
     pub(super) const START_CACHE: f64 = 0.25;
 }
 
-/// Growth by moves: what it reaches over what growth of spheres does, by the form of the grains. All but the first
-/// number are per unit of ln.
+/// Growth by moves: what it reaches over what growth of spheres does, by the form of the grains.
 mod moves {
     /// ln of the share of grains that are a little longer or flatter: they pack denser (Donev et al. 2004,
     /// 10.1126/science.1093010),
-    pub(super) const ASPHERICAL: f64 = 0.051;
-    /// which is reached at about this ln of surface times width;
+    pub(super) const ASPHERICAL: f64 = 0.048;
+    /// and few of them order: the same per inverse cube root of the number of grains.
+    pub(super) const FEW: f64 = 0.447;
+    /// Both are reached at about this ln of surface times width;
     pub(super) const SMALL: f64 = 0.08;
     /// per ln of the surface, and of the mean width, over those of spheres;
-    pub(super) const SURFACE: f64 = -0.187;
-    pub(super) const WIDTH: f64 = -0.300;
-    /// of polyhedra;
-    pub(super) const ANGULAR: f64 = -0.040;
-    /// and per inverse cube root of the number of grains: few grains order.
-    pub(super) const FEW: f64 = 0.255;
+    pub(super) const SURFACE: f64 = -0.167;
+    pub(super) const WIDTH: f64 = -0.424;
+    /// of polyhedra, and of cuboids, which order.
+    pub(super) const ANGULAR: f64 = -0.041;
+    pub(super) const CUBOID: f64 = 0.115;
     /// Share of jamming that nine of ten runs reach.
     pub(super) const REACH: f64 = 0.98;
     /// Standard error of the reach on the mixes of the fit, and of single runs.
@@ -159,27 +160,28 @@ pub(crate) struct Features {
     /// Surface and mean width of the grains over those of spheres, by volume,
     surface: f64,
     width: f64,
-    /// and the share of them that is angular.
+    /// and their shares that are angular, and cuboids.
     angular: f64,
+    cuboid: f64,
 }
 
 impl Features {
     /// Of diameters with their numbers from fine to coarse, the bounds that they stand within, and the
-    /// surface of walls per volume in 1/mm; `grains` are the same sizes with their forms, of
-    /// which a share is `angular`.
+    /// surface of walls per volume in 1/mm; `grains` are the same sizes with their forms, whose
+    /// mean is `form`.
     pub(crate) fn new(
         sizes: &[(f64, f64)],
         grains: &[Size],
         [least, largest]: [f64; 2],
         walls_per_mm: f64,
-        angular: f64,
+        form: MeanForm,
     ) -> Self {
         let moment = |of: &dyn Fn(f64) -> f64| sizes.iter().map(|&(d, number)| number * of(d)).sum::<f64>();
         let volume = moment(&|d| d.powi(3));
         let mean = moment(&|d| d.powi(3) * ln(d)) / volume;
         let number = moment(&|_| 1.0);
         let random::Reach { volume_fraction: random, ending_share } =
-            random::reach(grains, walls_per_mm, angular);
+            random::reach(grains, walls_per_mm, form.angular);
         let variance = moment(&|d| d.powi(3) * (ln(d) - mean).powi(2)) / volume;
         let [surface, width] = grains::surface_and_width(grains);
         Self {
@@ -194,7 +196,8 @@ impl Features {
             ratio: largest / least,
             surface,
             width,
-            angular,
+            angular: form.angular,
+            cuboid: form.cuboid,
         }
     }
 
@@ -339,11 +342,12 @@ impl Features {
     /// Volume fraction, coating included, that nine of ten runs of growth by moves reach.
     pub(crate) fn moves_limit(&self, grains: f64) -> f64 {
         let (surface, width) = (ln(self.surface), ln(self.width));
-        let by_form = moves::ASPHERICAL * (1.0 - exp(-(surface + width) / moves::SMALL))
+        let aspherical = moves::ASPHERICAL + moves::FEW * powf(grains.max(1.0), -1.0 / 3.0);
+        let by_form = aspherical * (1.0 - exp(-(surface + width) / moves::SMALL))
             + moves::SURFACE * surface
             + moves::WIDTH * width
             + moves::ANGULAR * self.angular
-            + moves::FEW * powf(grains.max(1.0), -1.0 / 3.0);
+            + moves::CUBOID * self.cuboid;
         (growth::REACH * self.jamming(grains) * exp(by_form)).min(moves::REACH)
     }
 

@@ -7,6 +7,7 @@ use super::invalid;
 use crate::distance::DistanceRule;
 use crate::elementary::{exp, powf};
 use crate::error::PlanError;
+use crate::methods::monte_carlo::work_to;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::request::{GrainKind, PackingRequest, Specimen};
 use crate::shape::{Ellipsoid, ScaledPolyhedron, SizeMeasure};
@@ -22,18 +23,12 @@ const ROUNDING: f64 = 1.0e-5;
 /// Times of grains of other shapes, by the product of their surface and mean width over those of spheres less 1, `e`,
 /// and by the share of polyhedra (`docs/estimates.md`).
 mod time {
-    /// Growth by moves, of spheres, in microseconds per grain at the factor 1 of what follows.
-    pub(super) const MOVES_US: f64 = 2.8;
+    /// Growth by moves, of spheres, in microseconds per grain and [`work_to`].
+    pub(super) const MOVES_US: f64 = 2.7;
     /// It takes longer by this much per `e`, and for polyhedra by this much and this power of their share.
     pub(super) const MOVES_FORM: f64 = 9.2;
     pub(super) const MOVES_ANGULAR: f64 = 4.3;
     pub(super) const MOVES_ANGULAR_POWER: f64 = 0.6;
-    /// Growth takes this power of the share of the reach that is left, and this much more;
-    pub(super) const MOVES_POWER: f64 = -1.38;
-    pub(super) const MOVES_LEFT: f64 = 0.012;
-    /// its start from random addition a factor, and the power of the share of the reach.
-    pub(super) const MOVES_START: f64 = 20.3;
-    pub(super) const MOVES_START_POWER: f64 = 5.7;
     /// Without a target grains grow until nothing moves: that factor, by one run.
     pub(super) const TO_JAMMING: f64 = 8.0e4;
     /// Random addition, of spheres and of far other shapes beside, in microseconds per grain at the reach,
@@ -71,11 +66,7 @@ pub(super) fn extrapolation(kind: GrainKind) -> Option<&'static str> {
 pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) -> f64 {
     let of_angular = time::MOVES_ANGULAR * powf(angular, time::MOVES_ANGULAR_POWER);
     let us = time::MOVES_US * (1.0 + time::MOVES_FORM * (form - 1.0) + of_angular);
-    let to_share = |share: f64| {
-        powf(1.0 - share + time::MOVES_LEFT, time::MOVES_POWER)
-            + time::MOVES_START * powf(share, time::MOVES_START_POWER)
-    };
-    let steps = share.map_or(time::TO_JAMMING, |share| to_share(share.min(1.0)));
+    let steps = share.map_or(time::TO_JAMMING, |share| work_to(share.min(1.0)));
     templates_s(angular) + us * 1e-6 * grains.max(time::FEW) * steps
 }
 

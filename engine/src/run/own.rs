@@ -234,6 +234,7 @@ fn grow<G: ConvexShape>(
         keep_checkpoint: None,
         keeps_partial: false,
         threads,
+        target_share: monte_carlo::USUAL_TARGET_SHARE,
     };
     let outcome = method.run(None, control).map_err(|interrupted| match interrupted {
         Interrupted::Stopped => OwnError::Stopped,

@@ -142,6 +142,8 @@ pub(super) fn grown_by_moves<S: ConvexShape>(
         keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(request, write))),
         keeps_partial: request.on_limit == OnLimit::Keep,
         threads: run.threads,
+        target_share: run.plan.volume_fraction_with_coating
+            / run.plan.methods.growth.volume_fraction_with_coating_reach,
     };
     method.run_with_own(shapes, resume.map(|resume| resume.body.as_slice()), control)
 }

@@ -54,7 +54,8 @@ use crate::segregation::Preference;
 use crate::shape::Pose;
 pub use group::MAX_GRAINS;
 pub(crate) use halves::LEAST_CUT;
-use run::{MOST_SKIN_OVER_D, Run};
+pub(crate) use run::work_to;
+use run::{MOST_SKIN_OVER_D, Run, start_share};
 
 /// Grains grow to their target times this, so that the check, which rounds differently, finds no overlap.
 const BEYOND_TARGET: f64 = 1.0 + 1e-9;
@@ -73,8 +74,8 @@ const COMPACT: f64 = 0.25;
 const MOST_START: f64 = 0.98;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.95;
-/// Share of a run's work that lies before the first cycle.
-const START_SHARE: f64 = 0.05;
+/// The target over what growth reaches, where nothing is known.
+pub(crate) const USUAL_TARGET_SHARE: f64 = 0.9;
 
 /// Most grains of these shapes that can be named beside their images: [`MAX_GRAINS`], or fewer where grains are long
 /// against a short edge of a periodic box.
@@ -123,6 +124,8 @@ pub struct MonteCarlo<'a, S> {
     pub keeps_partial: bool,
     /// Most threads; the outcome does not depend on their number.
     pub threads: NonZeroUsize,
+    /// The target over the volume fraction that growth is expected to reach, by which progress is told.
+    pub target_share: f64,
 }
 
 /// Keeps a checkpoint whose body the argument writes.
@@ -204,7 +207,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let first = start_fraction(self.shapes);
         let scale = self.initial_scale.unwrap_or(cbrt(first / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
-        let part = Part::new(control, 0.0, START_SHARE);
+        let part = Part::new(control, 0.0, start_share(self.target_share));
         let control = StopToFinish::new(&part);
         let begun = start(scale, SMALLER_START, &control, |scale| {
             let rsa = ShapeRsa {
@@ -240,6 +243,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let Started { placed, scale, statistics, .. } = begun;
         let mut run = Run::new(self, placed, scale, started)?;
         (run.rsa, run.rsa_s) = (statistics, rsa_s);
+        run.fraction = start_share(self.target_share);
         Ok(Begun::Run(Box::new(run)))
     }
 }

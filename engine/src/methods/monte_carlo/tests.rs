@@ -66,6 +66,7 @@ fn packing<'a>(
         to_jamming: None,
         keeps_partial: false,
         threads: NonZeroUsize::MIN,
+        target_share: USUAL_TARGET_SHARE,
     }
 }
 

@@ -21,6 +21,9 @@ pub struct Edge {
     pub exterior_angle: f64,
 }
 
+/// Cosine by which the normals of parallel faces may differ.
+const PARALLEL: f64 = 1e-9;
+
 impl Polyhedron {
     fn at(&self, vertex: u32) -> Vector3<f64> {
         self.vertices[vertex as usize]
@@ -138,6 +141,15 @@ impl Polyhedron {
     #[must_use]
     pub fn roundness(&self) -> f64 {
         self.rounding / self.inscribed_radius()
+    }
+
+    /// Whether the core is a parallelepiped, as a cube and what it is stretched to are.
+    #[must_use]
+    pub fn is_parallelepiped(&self) -> bool {
+        let normal = |face: usize| self.plane(face).0;
+        let has_opposite =
+            |face: usize| (0..6).any(|other| normal(face).dot(&normal(other)) < -1.0 + PARALLEL);
+        self.faces.len() == 6 && (0..6).all(has_opposite)
     }
 
     /// Diameter of the sphere of equal volume.

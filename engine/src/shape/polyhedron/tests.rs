@@ -59,6 +59,19 @@ fn roundness_is_the_rounding_over_the_inscribed_radius() {
 }
 
 #[test]
+fn a_cuboid_is_a_parallelepiped_and_other_bodies_of_six_faces_are_not() {
+    let body = cuboid([3.0, 2.0, 1.0]);
+    let shear = |v: &Vector3<f64>| Vector3::new(v.x + 0.4 * v.y, v.y, v.z - 0.2 * v.x);
+    let sheared: Vec<Vector3<f64>> = body.vertices().iter().map(shear).collect();
+    assert!(body.is_parallelepiped() && Polyhedron::hull_of(&sheared).unwrap().is_parallelepiped());
+    let frustum = |v: &Vector3<f64>| Vector3::new(v.x * (2.0 + v.z), v.y * (2.0 + v.z), v.z);
+    let cut: Vec<Vector3<f64>> = body.vertices().iter().map(frustum).collect();
+    let cut = Polyhedron::hull_of(&cut).unwrap();
+    assert!(cut.faces().len() == 6 && !cut.is_parallelepiped());
+    assert!(!samples::octahedron(1.0).is_parallelepiped());
+}
+
+#[test]
 fn a_cuboid_has_its_closed_forms() {
     let [a, b, c] = [3.0, 2.0, 1.0];
     let body = cuboid([a, b, c]);

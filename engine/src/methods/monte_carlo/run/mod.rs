@@ -6,6 +6,7 @@
 
 mod body;
 mod end;
+mod forecast;
 mod report;
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
@@ -30,7 +31,9 @@ use crate::packing::{GrowthEnd, MonteCarloStatistics, RsaStatistics, Statistics}
 use crate::rng::cycle_stream;
 use crate::shape::Pose;
 use end::Pushes;
-use report::Forecast;
+use forecast::Forecast;
+pub(super) use forecast::start_share;
+pub(crate) use forecast::work_to;
 
 /// Sweeps of moves in a cycle, and moves in a cycle of few grains.
 const SWEEPS_PER_CYCLE: u64 = 5;
@@ -108,7 +111,7 @@ pub(super) struct Run<S: ConvexShape> {
     is_wide: bool,
     expansions: Expansions,
     curve: Curve,
-    fraction: f64,
+    pub(super) fraction: f64,
     forecast: Forecast,
     /// Volume of the grains over that of the specimen.
     target_fraction: f64,
@@ -158,7 +161,7 @@ impl<S: ConvexShape> Run<S> {
             expansions: Expansions::default(),
             curve: Curve::new(),
             fraction: 0.0,
-            forecast: Forecast::default(),
+            forecast: Forecast::new(of.target_share),
             target_fraction: volume / of.domain.volume_mm3,
             listed_cycles: CYCLES_PER_LIST,
             listed_stretch: 0.0,

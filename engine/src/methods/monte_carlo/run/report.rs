@@ -1,51 +1,19 @@
 //! Progress, growth curve and statistics of a run.
 //!
-//! Reporting changes nothing about the packing. The remaining work is predicted from the growth of the last part of the
-//! run. Growth per work falls about exponentially with the volume fraction, with a width `w` of 0.07 of the target
-//! (Fuller 2..16 mm, 0.65 to 0.72). From a share `v` of the target's volume that grows by `v'` per work the target is
-//! `(w / v') (exp((1 - v) / w) - 1)` away.
-
-use std::collections::VecDeque;
+//! Reporting changes nothing about the packing. [`forecast`](super::forecast) predicts the work that is left.
 
 use super::{BEYOND_TARGET, Run, Stage};
 use crate::control::{Control, Growth, Progress, Step};
-use crate::elementary::exp_m1;
 use crate::gap::grain::ConvexShape;
-use crate::methods::monte_carlo::{MonteCarlo, START_SHARE};
+use crate::methods::monte_carlo::MonteCarlo;
 use crate::packing::{GrowthPoint, MonteCarloStatistics};
 
-/// Width of the fall of growth per work, as a share of the target's volume.
-const WIDTH: f64 = 0.07;
-/// Share of the work so far from which the trend is taken.
-const TREND_SHARE: f64 = 0.3;
 /// Work of a push, in tried moves.
 const PUSH_WORK: f64 = 4.0;
 /// Work beyond which a run is more likely to jam than to reach its target, in moves per grain.
 const LIKELY_WORK: f64 = 60_000.0;
 /// Moves per grain by which the growth of the gap has usually stalled.
 const STALL_WORK: f64 = 30_000.0;
-
-/// Ends of cycles that the trend is taken from: work per grain, and the volume over that at the target.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Forecast {
-    points: VecDeque<[f64; 2]>,
-}
-
-impl Forecast {
-    fn note(&mut self, work: f64, share: f64) {
-        self.points.push_back([work, share]);
-        while self.points.get(2).is_some_and(|third| third[0] <= (1.0 - TREND_SHARE) * work) {
-            self.points.pop_front();
-        }
-    }
-
-    /// Work per grain that is still to come; `None` while nothing can be said.
-    fn left(&self) -> Option<f64> {
-        let (first, last) = (self.points.front()?, self.points.back()?);
-        let per_work = (last[1] - first[1]) / (last[0] - first[0]);
-        (per_work > 0.0).then(|| WIDTH / per_work * exp_m1((1.0 - last[1]).max(0.0) / WIDTH))
-    }
-}
 
 impl<S: ConvexShape> Run<S> {
     /// Work so far, in tried moves per grain.
@@ -76,7 +44,7 @@ impl<S: ConvexShape> Run<S> {
     /// Notes the end of a cycle, in the forecast and in the growth curve.
     pub(super) fn note_point(&mut self, of: &MonteCarlo<'_, S>) {
         let share = (1.0 / (self.system.frame.stretch * BEYOND_TARGET)).powi(3);
-        self.forecast.note(self.work(), share);
+        self.forecast.note(self.elapsed_s(), share);
         if self.curve.has(self.counted.compression_cycles) {
             self.curve.push(GrowthPoint {
                 packing_time_s: self.elapsed_s(),
@@ -104,13 +72,10 @@ impl<S: ConvexShape> Run<S> {
                 None => ((work / STALL_WORK).min(0.9), false),
             };
         }
-        let (done, is_likely) = match self.forecast.left() {
-            Some(left) => (work / (work + left), work + left <= LIKELY_WORK),
-            None => (0.0, false),
-        };
+        let done = self.forecast.done();
         match by_limits {
             Some(share) if share > done => (share, true),
-            _ => (START_SHARE + (1.0 - START_SHARE) * done, is_likely),
+            _ => (done, work <= LIKELY_WORK * done),
         }
     }
 

@@ -10,6 +10,7 @@ use crate::control::Unattended;
 use crate::distance::DistanceRule;
 use crate::gap::spheres::Sphere;
 use crate::methods::growth::EXPANSION;
+use crate::methods::monte_carlo::USUAL_TARGET_SHARE;
 use crate::mix::uniform_orientation;
 use crate::request::{Boundary, Distance, GrowthStop, Specimen};
 use crate::shape::polyhedron::PlatonicSolid;
@@ -37,6 +38,7 @@ fn method<S: ConvexShape>(shapes: &[S]) -> MonteCarlo<'_, S> {
         to_jamming: None,
         keeps_partial: false,
         threads: NonZeroUsize::MIN,
+        target_share: USUAL_TARGET_SHARE,
     }
 }
 

@@ -1,0 +1,157 @@
+//! How much of a run is done, predicted while it goes on.
+//!
+//! Growth by moves slows down as the grains come near to what they reach: the time to a volume fraction is
+//! [`work_to`] its share `x` of that reach. The reach is forecast by `plan`, with an error. The run tells more: the
+//! nearer the reach, the less the grains grew in the last part of the time so far. Values of the reach are weighted by
+//! both (Bayes). The law was fitted to runs of 72 mixes, and the error and the weights were chosen on these
+//! (`docs/estimates.md`, "Progress").
+
+use std::collections::VecDeque;
+
+use crate::elementary::{exp, ln, powf};
+
+/// The power of what is left of the reach by which the time of growth rises, and what is left at least.
+const POWER: f64 = -1.38;
+const LEFT: f64 = 0.012;
+/// What the start from random addition takes, at the reach, and how it rises with the target.
+const START: f64 = 20.3;
+const START_POWER: f64 = 5.7;
+/// Beyond its reach growth is taken as this far from it.
+const LEAST_LEFT: f64 = 0.003;
+/// Standard error of the forecast of the reach, relative; the values that are weighted, and their step.
+const ERROR: f64 = 0.06;
+const FIRST: f64 = -0.165;
+const VALUES: usize = 24;
+const STEP: f64 = 0.015;
+/// Share of the time so far from which on growth is looked at, and how much it weighs.
+const BEFORE: f64 = 0.7;
+const TELLING: f64 = 20.0;
+/// Change of the time by which a prediction is made anew.
+const AGAIN: f64 = 1.01;
+
+/// Time of growth by moves, with its start from random addition, to a share of the volume fraction that it reaches. The
+/// unit depends on the grains.
+pub(crate) fn work_to(share: f64) -> f64 {
+    growth_to(share) + start_of(share)
+}
+
+/// The part of [`work_to`] a share that growth takes.
+fn growth_to(share: f64) -> f64 {
+    powf((1.0 + LEFT - share).max(LEAST_LEFT), POWER)
+}
+
+/// The part of [`work_to`] a target that its start takes.
+fn start_of(share: f64) -> f64 {
+    START * powf(share.min(1.0), START_POWER)
+}
+
+/// Share of the time to a target that its start is expected to take.
+pub(in crate::methods::monte_carlo) fn start_share(target: f64) -> f64 {
+    start_of(target) / work_to(target)
+}
+
+/// The share of its time that a run to a target has taken.
+#[derive(Clone, Debug)]
+pub(super) struct Forecast {
+    /// Time so far, and the volume over that at the target, from `BEFORE` of the time on.
+    points: VecDeque<[f64; 2]>,
+    /// The target over values of the reach.
+    targets: [f64; VALUES],
+    /// When the last prediction was made, and what it was.
+    predicted: [f64; 2],
+}
+
+impl Forecast {
+    /// To a target at this share of the reach that is forecast.
+    pub(super) fn new(target: f64) -> Self {
+        let targets = std::array::from_fn(|value| target * exp(-ln_value(value)));
+        Self { points: VecDeque::new(), targets, predicted: [0.0; 2] }
+    }
+
+    /// Notes the volume over that at the target at some time.
+    pub(super) fn note(&mut self, time: f64, share: f64) {
+        self.points.push_back([time, share]);
+        while self.points.get(1).is_some_and(|[second, _]| *second <= BEFORE * time) {
+            self.points.pop_front();
+        }
+        if time > AGAIN * self.predicted[0] && self.points.len() > 1 {
+            self.predicted = [time, self.predict()];
+        }
+    }
+
+    /// Share of the time that is done; 0 while nothing can be said.
+    pub(super) fn done(&self) -> f64 {
+        self.predicted[1]
+    }
+
+    fn predict(&self) -> f64 {
+        let (Some([from, before]), Some([time, now])) = (self.points.front(), self.points.back()) else {
+            return 0.0;
+        };
+        let seen = ln((time / from).max(1.0));
+        let cases = self.targets.map(|target| {
+            // The start is that of the target from the first.
+            let work = |share: f64| growth_to(share * target) + start_of(target);
+            let [before, now, all] = [*before, *now, 1.0].map(work);
+            (ln(now / before) - seen, ln((now / all).min(1.0)))
+        });
+        let weight = |(value, (off, _)): (usize, &(f64, f64))| {
+            -0.5 * (ln_value(value) / ERROR).powi(2) - TELLING * off * off
+        };
+        let most = cases.iter().enumerate().map(weight).fold(f64::NEG_INFINITY, f64::max);
+        let (mut weights, mut sum) = (0.0, 0.0);
+        for case in cases.iter().enumerate() {
+            let (_, (_, ln_done)) = case;
+            let weight = exp(weight(case) - most);
+            weights += weight;
+            sum += weight * ln_done;
+        }
+        exp(sum / weights)
+    }
+}
+
+/// The logarithm of a value of the reach over that which is forecast.
+fn ln_value(value: usize) -> f64 {
+    FIRST + STEP * value as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The middle difference between what is predicted and the share of the time, from 20 to 90 % of it, of growth to a
+    /// target that lies `share` from its reach, which is forecast wrong by a factor.
+    fn off(share: f64, wrong: f64) -> f64 {
+        let mut forecast = Forecast::new(share * wrong);
+        let all = work_to(share);
+        let start = start_of(share);
+        let mut off = Vec::new();
+        let (mut now, mut time) = (0.5 * share, 0.0);
+        while now < share && time < 0.9 * all {
+            time = start + growth_to(now);
+            forecast.note(time, now / share);
+            if time > 0.2 * all {
+                off.push((forecast.done() - time / all).abs());
+            }
+            now += 2e-4;
+        }
+        off.sort_by(f64::total_cmp);
+        off[off.len() / 2]
+    }
+
+    #[test]
+    fn the_share_follows_the_time_though_the_reach_is_forecast_wrong() {
+        for (share, wrong) in [(0.9, 1.0), (0.97, 1.0), (1.0, 1.0), (0.97, 1.03), (0.97, 0.97), (0.9, 1.03)] {
+            let off = off(share, wrong);
+            assert!(off < 0.25, "{off} at {share}, wrong by {wrong}");
+        }
+    }
+
+    #[test]
+    fn the_start_takes_most_of_a_loose_run_and_little_of_a_dense_one() {
+        assert!(start_share(1.0) < 0.06);
+        assert!(start_share(0.9) > 0.3);
+        assert!((0.0..0.1).contains(&start_share(0.3)));
+        assert_eq!(Forecast::new(0.9).done(), 0.0);
+    }
+}
