@@ -74,6 +74,8 @@ const COMPACT: f64 = 0.25;
 const MOST_START: f64 = 0.98;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.95;
+/// Share of the work that lies before the first cycle of grains that grow until they jam.
+const JAMMING_START_SHARE: f64 = 0.02;
 /// The target over what growth reaches, where nothing is known.
 pub(crate) const USUAL_TARGET_SHARE: f64 = 0.9;
 
@@ -207,7 +209,7 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let first = start_fraction(self.shapes);
         let scale = self.initial_scale.unwrap_or(cbrt(first / fraction).min(most));
         let mut rng = stream(self.seed, Stream::Rsa);
-        let part = Part::new(control, 0.0, start_share(self.target_share));
+        let part = Part::new(control, 0.0, self.start_share());
         let control = StopToFinish::new(&part);
         let begun = start(scale, SMALLER_START, &control, |scale| {
             let rsa = ShapeRsa {
@@ -243,8 +245,19 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
         let Started { placed, scale, statistics, .. } = begun;
         let mut run = Run::new(self, placed, scale, started)?;
         (run.rsa, run.rsa_s) = (statistics, rsa_s);
-        run.fraction = start_share(self.target_share);
+        run.fraction = self.start_share();
         Ok(Begun::Run(Box::new(run)))
+    }
+}
+
+impl<S> MonteCarlo<'_, S> {
+    /// Share of the work that is expected to lie before the first cycle.
+    fn start_share(&self) -> f64 {
+        if self.maximize.is_some() || self.to_jamming.is_some() {
+            JAMMING_START_SHARE
+        } else {
+            start_share(self.target_share)
+        }
     }
 }
 

@@ -28,6 +28,8 @@ const BEFORE: f64 = 0.7;
 const TELLING: f64 = 20.0;
 /// Change of the time by which a prediction is made anew.
 const AGAIN: f64 = 1.01;
+/// Targets beyond this share of the reach are more likely missed than reached.
+const MOST_LIKELY: f64 = 1.02;
 
 /// Time of growth by moves, with its start from random addition, to a share of the volume fraction that it reaches. The
 /// unit depends on the grains.
@@ -50,6 +52,16 @@ pub(in crate::methods::monte_carlo) fn start_share(target: f64) -> f64 {
     start_of(target) / work_to(target)
 }
 
+/// What is predicted at some time.
+#[derive(Clone, Copy, Debug, Default)]
+struct Prediction {
+    time: f64,
+    /// Share of the time that is done.
+    done: f64,
+    /// The target over the reach.
+    target: f64,
+}
+
 /// The share of its time that a run to a target has taken.
 #[derive(Clone, Debug)]
 pub(super) struct Forecast {
@@ -57,15 +69,14 @@ pub(super) struct Forecast {
     points: VecDeque<[f64; 2]>,
     /// The target over values of the reach.
     targets: [f64; VALUES],
-    /// When the last prediction was made, and what it was.
-    predicted: [f64; 2],
+    predicted: Prediction,
 }
 
 impl Forecast {
     /// To a target at this share of the reach that is forecast.
     pub(super) fn new(target: f64) -> Self {
         let targets = std::array::from_fn(|value| target * exp(-ln_value(value)));
-        Self { points: VecDeque::new(), targets, predicted: [0.0; 2] }
+        Self { points: VecDeque::new(), targets, predicted: Prediction::default() }
     }
 
     /// Notes the volume over that at the target at some time.
@@ -74,39 +85,44 @@ impl Forecast {
         while self.points.get(1).is_some_and(|[second, _]| *second <= BEFORE * time) {
             self.points.pop_front();
         }
-        if time > AGAIN * self.predicted[0] && self.points.len() > 1 {
-            self.predicted = [time, self.predict()];
+        if time > AGAIN * self.predicted.time && self.points.len() > 1 {
+            self.predicted = self.predict(time);
         }
     }
 
     /// Share of the time that is done; 0 while nothing can be said.
     pub(super) fn done(&self) -> f64 {
-        self.predicted[1]
+        self.predicted.done
     }
 
-    fn predict(&self) -> f64 {
-        let (Some([from, before]), Some([time, now])) = (self.points.front(), self.points.back()) else {
-            return 0.0;
+    /// Whether the target is more likely reached than missed; `false` while nothing can be said.
+    pub(super) fn is_likely(&self) -> bool {
+        self.predicted.done > 0.0 && self.predicted.target < MOST_LIKELY
+    }
+
+    fn predict(&self, time: f64) -> Prediction {
+        let (Some([from, before]), Some([_, now])) = (self.points.front(), self.points.back()) else {
+            return Prediction::default();
         };
         let seen = ln((time / from).max(1.0));
         let cases = self.targets.map(|target| {
             // The start is that of the target from the first.
             let work = |share: f64| growth_to(share * target) + start_of(target);
             let [before, now, all] = [*before, *now, 1.0].map(work);
-            (ln(now / before) - seen, ln((now / all).min(1.0)))
+            (ln(now / before) - seen, [ln((now / all).min(1.0)), ln(target)])
         });
-        let weight = |(value, (off, _)): (usize, &(f64, f64))| {
+        let weight = |(value, (off, _)): (usize, &(f64, [f64; 2]))| {
             -0.5 * (ln_value(value) / ERROR).powi(2) - TELLING * off * off
         };
         let most = cases.iter().enumerate().map(weight).fold(f64::NEG_INFINITY, f64::max);
-        let (mut weights, mut sum) = (0.0, 0.0);
+        let (mut weights, mut sums) = (0.0, [0.0; 2]);
         for case in cases.iter().enumerate() {
-            let (_, (_, ln_done)) = case;
             let weight = exp(weight(case) - most);
             weights += weight;
-            sum += weight * ln_done;
+            sums = [0, 1].map(|i| sums[i] + weight * case.1.1[i]);
         }
-        exp(sum / weights)
+        let [done, target] = sums.map(|sum| exp(sum / weights));
+        Prediction { time, done, target }
     }
 }
 
@@ -152,6 +168,23 @@ mod tests {
         assert!(start_share(1.0) < 0.06);
         assert!(start_share(0.9) > 0.3);
         assert!((0.0..0.1).contains(&start_share(0.3)));
-        assert_eq!(Forecast::new(0.9).done(), 0.0);
+        let nothing = Forecast::new(0.9);
+        assert!(nothing.done() == 0.0 && !nothing.is_likely());
+    }
+
+    #[test]
+    fn a_target_beyond_the_reach_is_found_out_though_it_is_forecast_within() {
+        for (share, wrong) in [(0.95, 1.0), (0.95, 1.05), (1.06, 1.0), (1.06, 0.97)] {
+            let mut forecast = Forecast::new(share * wrong);
+            (0..4166).map(|step| 0.5 + 1.2e-4 * f64::from(step)).filter(|now| *now < share).for_each(|now| {
+                forecast.note(start_of(share) + growth_to(now), now / share);
+            });
+            assert_eq!(
+                forecast.is_likely(),
+                share < 1.0,
+                "{share}, wrong by {wrong}: {:?}",
+                forecast.predicted
+            );
+        }
     }
 }

@@ -10,8 +10,6 @@ use crate::packing::{GrowthPoint, MonteCarloStatistics};
 
 /// Work of a push, in tried moves.
 const PUSH_WORK: f64 = 4.0;
-/// Work beyond which a run is more likely to jam than to reach its target, in moves per grain.
-const LIKELY_WORK: f64 = 60_000.0;
 /// Moves per grain by which the growth of the gap has usually stalled.
 const STALL_WORK: f64 = 30_000.0;
 
@@ -65,17 +63,16 @@ impl<S: ConvexShape> Run<S> {
             limits.time_s.map(|most| self.elapsed_s() / most),
         ];
         let by_limits = by_limits.into_iter().flatten().reduce(f64::max);
-        let work = self.work();
         if of.maximize.is_some() || of.to_jamming.is_some() {
             return match by_limits {
                 Some(share) => (share, true),
-                None => ((work / STALL_WORK).min(0.9), false),
+                None => ((self.work() / STALL_WORK).min(0.9), false),
             };
         }
         let done = self.forecast.done();
         match by_limits {
             Some(share) if share > done => (share, true),
-            _ => (done, work <= LIKELY_WORK * done),
+            _ => (done, self.forecast.is_likely()),
         }
     }
 
