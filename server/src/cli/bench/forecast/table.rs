@@ -225,12 +225,10 @@ fn calibration(runs: &[(f64, bool)]) -> Vec<Row> {
         let n = within.len().max(1) as f64;
         let says = within.iter().map(|(p, _)| p).sum::<f64>() / n;
         let does = within.iter().filter(|(_, succeeded)| *succeeded).count() as f64 / n;
-        Row {
-            name,
-            required,
-            found: format!("{says:.3} said, {does:.3} succeeded"),
-            values: json!({"said": says, "succeeded": does, "of": within.len()}),
-        }
+        let found =
+            if within.is_empty() { "-".into() } else { format!("{says:.3} said, {does:.3} succeeded") };
+        let values = json!({"said": says.abs(), "succeeded": does, "of": within.len()});
+        Row { name, required, found, values }
     };
     let mut rows: Vec<Row> = NAMES
         .into_iter()
