@@ -89,7 +89,7 @@ def with_features(row):
                coating=(number * d**3).sum() / (number * (d - gap) ** 3).sum(),
                form=np.log([(shares * surface).sum(), (shares * width).sum()]),
                angular=sum(share for share, shape in shapes(row) if shape["type"] == "polyhedron"),
-               cuboid=sum(share * (shape.get("rounding", 0) == 0) for share, shape in shapes(row)
+               cuboid=sum(share * (1 - 2 * shape.get("rounding", 0)) for share, shape in shapes(row)
                           if shape.get("template") == "cube"))
     # The limit of random addition by which growth starts, `start` in model.rs.
     fines = mean - math.log(least)

@@ -247,7 +247,7 @@ impl ShapeSampler {
                 before = part.cumulative;
                 let angular = if let Forms::Polyhedra { templates, .. } = &part.forms {
                     let of_body = |body: &Polyhedron| {
-                        if body.is_parallelepiped() { (1.0 - body.roundness()).max(0.0) } else { 0.0 }
+                        if body.is_parallelepiped() { 1.0 - body.roundness() } else { 0.0 }
                     };
                     let of_bodies = templates.bodies().iter().map(of_body).sum::<f64>();
                     [1.0, of_bodies / templates.len() as f64]

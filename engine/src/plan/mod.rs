@@ -113,6 +113,10 @@ pub struct Plan {
     #[serde(skip)]
     #[cfg_attr(feature = "openapi", schema(ignore))]
     pub(crate) growth: Expected,
+    /// The target of growth by moves over what it is expected to reach.
+    #[serde(skip)]
+    #[cfg_attr(feature = "openapi", schema(ignore))]
+    pub(crate) target_share_of_moves: f64,
     /// Whether a run that is cut can go on from a checkpoint: it grows, and random sequential addition of the full
     /// sizes is not tried before.
     #[serde(skip)]
@@ -235,6 +239,7 @@ impl Plan {
             figures: None,
             warnings,
             growth: case.growth(),
+            target_share_of_moves: case.share_of_moves().unwrap_or(1.0),
             keeps_checkpoints: grows || is_maximized,
             places_first,
         })

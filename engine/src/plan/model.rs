@@ -82,15 +82,17 @@ mod moves {
     /// 10.1126/science.1093010),
     pub(super) const ASPHERICAL: f64 = 0.048;
     /// and few of them order: the same per inverse cube root of the number of grains.
-    pub(super) const FEW: f64 = 0.447;
+    pub(super) const FEW: f64 = 0.445;
+    /// Fewer were not measured, and are taken as this number.
+    pub(super) const FEWEST: f64 = 22.0;
     /// Both are reached at about this ln of surface times width;
     pub(super) const SMALL: f64 = 0.08;
     /// per ln of the surface, and of the mean width, over those of spheres;
-    pub(super) const SURFACE: f64 = -0.167;
-    pub(super) const WIDTH: f64 = -0.424;
+    pub(super) const SURFACE: f64 = -0.169;
+    pub(super) const WIDTH: f64 = -0.420;
     /// of polyhedra, and of cuboids, which order.
-    pub(super) const ANGULAR: f64 = -0.041;
-    pub(super) const CUBOID: f64 = 0.115;
+    pub(super) const ANGULAR: f64 = -0.042;
+    pub(super) const CUBOID: f64 = 0.117;
     /// Share of jamming that nine of ten runs reach.
     pub(super) const REACH: f64 = 0.98;
     /// Standard error of the reach on the mixes of the fit, and of single runs.
@@ -342,7 +344,7 @@ impl Features {
     /// Volume fraction, coating included, that nine of ten runs of growth by moves reach.
     pub(crate) fn moves_limit(&self, grains: f64) -> f64 {
         let (surface, width) = (ln(self.surface), ln(self.width));
-        let aspherical = moves::ASPHERICAL + moves::FEW * powf(grains.max(1.0), -1.0 / 3.0);
+        let aspherical = moves::ASPHERICAL + moves::FEW * powf(grains.max(moves::FEWEST), -1.0 / 3.0);
         let by_form = aspherical * (1.0 - exp(-(surface + width) / moves::SMALL))
             + moves::SURFACE * surface
             + moves::WIDTH * width

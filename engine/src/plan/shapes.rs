@@ -55,8 +55,7 @@ mod time {
 pub(super) fn extrapolation(kind: GrainKind) -> Option<&'static str> {
     match kind {
         GrainKind::Spheres => Some("spheres that grow by moves, taken as round ellipsoids"),
-        GrainKind::Ellipsoids => None,
-        GrainKind::Polyhedra => Some("polyhedra, of which few mixes were measured"),
+        GrainKind::Ellipsoids | GrainKind::Polyhedra => None,
         GrainKind::Mixed => Some("ellipsoids and polyhedra, taken as their mean"),
     }
 }

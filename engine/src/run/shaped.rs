@@ -142,8 +142,7 @@ pub(super) fn grown_by_moves<S: ConvexShape>(
         keep_checkpoint: Some(&|write| control.keep_checkpoint(&Checkpoint::new(request, write))),
         keeps_partial: request.on_limit == OnLimit::Keep,
         threads: run.threads,
-        target_share: run.plan.volume_fraction_with_coating
-            / run.plan.methods.growth.volume_fraction_with_coating_reach,
+        target_share: run.plan.target_share_of_moves,
     };
     method.run_with_own(shapes, resume.map(|resume| resume.body.as_slice()), control)
 }

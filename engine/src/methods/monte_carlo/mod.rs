@@ -74,8 +74,8 @@ const COMPACT: f64 = 0.25;
 const MOST_START: f64 = 0.98;
 /// A start that finds no place for a grain is tried again at this share of its size.
 const SMALLER_START: f64 = 0.95;
-/// Share of the work that lies before the first cycle of grains that grow until they jam.
-const JAMMING_START_SHARE: f64 = 0.02;
+/// Share of the run that lies before the first cycle of grains that grow until they jam, or from a named scale.
+const LEAST_START_SHARE: f64 = 0.02;
 /// The target over what growth reaches, where nothing is known.
 pub(crate) const USUAL_TARGET_SHARE: f64 = 0.9;
 
@@ -251,10 +251,10 @@ impl<S: ConvexShape> MonteCarlo<'_, S> {
 }
 
 impl<S> MonteCarlo<'_, S> {
-    /// Share of the work that is expected to lie before the first cycle.
+    /// Share of the run that is expected to lie before the first cycle.
     fn start_share(&self) -> f64 {
-        if self.maximize.is_some() || self.to_jamming.is_some() {
-            JAMMING_START_SHARE
+        if self.maximize.is_some() || self.to_jamming.is_some() || self.initial_scale.is_some() {
+            LEAST_START_SHARE
         } else {
             start_share(self.target_share)
         }

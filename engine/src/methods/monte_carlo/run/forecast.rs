@@ -28,6 +28,8 @@ const BEFORE: f64 = 0.7;
 const TELLING: f64 = 20.0;
 /// Change of the time by which a prediction is made anew.
 const AGAIN: f64 = 1.01;
+/// Largest share that is predicted before the target is reached.
+const MOST_DONE: f64 = 0.99;
 /// Targets beyond this share of the reach are more likely missed than reached.
 const MOST_LIKELY: f64 = 1.02;
 
@@ -67,6 +69,8 @@ struct Prediction {
 pub(super) struct Forecast {
     /// Time so far, and the volume over that at the target, from `BEFORE` of the time on.
     points: VecDeque<[f64; 2]>,
+    /// The largest volume so far.
+    most: f64,
     /// The target over values of the reach.
     targets: [f64; VALUES],
     predicted: Prediction,
@@ -76,11 +80,18 @@ impl Forecast {
     /// To a target at this share of the reach that is forecast.
     pub(super) fn new(target: f64) -> Self {
         let targets = std::array::from_fn(|value| target * exp(-ln_value(value)));
-        Self { points: VecDeque::new(), targets, predicted: Prediction::default() }
+        Self { points: VecDeque::new(), most: 0.0, targets, predicted: Prediction::default() }
     }
 
     /// Notes the volume over that at the target at some time.
     pub(super) fn note(&mut self, time: f64, share: f64) {
+        if share < self.most {
+            // The grains jammed, and were made smaller to grow again.
+            self.points.clear();
+            self.predicted.target = f64::INFINITY;
+            return;
+        }
+        self.most = share;
         self.points.push_back([time, share]);
         while self.points.get(1).is_some_and(|[second, _]| *second <= BEFORE * time) {
             self.points.pop_front();
@@ -122,7 +133,7 @@ impl Forecast {
             sums = [0, 1].map(|i| sums[i] + weight * case.1.1[i]);
         }
         let [done, target] = sums.map(|sum| exp(sum / weights));
-        Prediction { time, done, target }
+        Prediction { time, done: done.min(MOST_DONE), target }
     }
 }
 
@@ -164,12 +175,34 @@ mod tests {
     }
 
     #[test]
-    fn the_start_takes_most_of_a_loose_run_and_little_of_a_dense_one() {
+    fn the_start_takes_the_largest_share_where_growth_is_short_but_not_missing() {
         assert!(start_share(1.0) < 0.06);
         assert!(start_share(0.9) > 0.3);
         assert!((0.0..0.1).contains(&start_share(0.3)));
-        let nothing = Forecast::new(0.9);
+        let mut nothing = Forecast::new(0.9);
         assert!(nothing.done() == 0.0 && !nothing.is_likely());
+        // Time passes without growth.
+        (1..100).for_each(|time| nothing.note(f64::from(time), 0.8));
+        assert!((0.0..1.0).contains(&nothing.done()), "{nothing:?}");
+    }
+
+    /// Grains that jammed are made smaller and grow again: nothing follows from that until they are as large again.
+    #[test]
+    fn nothing_is_predicted_while_grains_grow_again() {
+        let mut forecast = Forecast::new(0.95);
+        let grown = |forecast: &mut Forecast, from: f64, to: f64, time: f64| {
+            (0..100).map(|step| f64::from(step) / 100.0).for_each(|share| {
+                let now = from + (to - from) * share;
+                forecast.note(time + growth_to(0.95 * now), now);
+            });
+        };
+        grown(&mut forecast, 0.6, 0.98, 10.0);
+        let before = forecast.done();
+        assert!(forecast.is_likely() && before > 0.0);
+        grown(&mut forecast, 0.9, 0.97, 100.0);
+        assert!(!forecast.is_likely() && forecast.done() == before);
+        grown(&mut forecast, 0.975, 1.0, 150.0);
+        assert!(forecast.is_likely() && forecast.done() > 0.9, "{forecast:?}");
     }
 
     #[test]

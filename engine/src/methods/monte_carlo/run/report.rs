@@ -1,6 +1,7 @@
 //! Progress, growth curve and statistics of a run.
 //!
-//! Reporting changes nothing about the packing. [`forecast`](super::forecast) predicts the work that is left.
+//! Reporting changes nothing about the packing. [`forecast`](super::forecast) predicts the time that is left
+//! to a target.
 
 use super::{BEYOND_TARGET, Run, Stage};
 use crate::control::{Control, Growth, Progress, Step};
@@ -55,7 +56,7 @@ impl<S: ConvexShape> Run<S> {
         }
     }
 
-    /// Share of the run's work that is done, and whether the remaining time follows from it.
+    /// Share of the run that is done, and whether the remaining time follows from it.
     fn share_done(&self, of: &MonteCarlo<'_, S>) -> (f64, bool) {
         let limits = of.stop;
         let by_limits = [
