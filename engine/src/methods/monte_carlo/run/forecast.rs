@@ -27,7 +27,9 @@ const STEP: f64 = 0.015;
 const BEFORE: f64 = 0.7;
 const TELLING: f64 = 20.0;
 /// Change of the time by which a prediction is made anew.
-const AGAIN: f64 = 1.01;
+const AGAIN: f64 = 1.02;
+/// Volume over that at the target where growth has reached it.
+const REACHED: f64 = 1.0 - 1e-12;
 /// Largest share that is predicted before the target is reached.
 const MOST_DONE: f64 = 0.99;
 /// Targets beyond this share of the reach are more likely missed than reached.
@@ -101,9 +103,9 @@ impl Forecast {
         }
     }
 
-    /// Share of the time that is done; 0 while nothing can be said.
+    /// Share of the time that is done: 1 at the target, 0 while nothing can be said.
     pub(super) fn done(&self) -> f64 {
-        self.predicted.done
+        if self.most >= REACHED { 1.0 } else { self.predicted.done }
     }
 
     /// Whether the target is more likely reached than missed; `false` while nothing can be said.
@@ -202,7 +204,9 @@ mod tests {
         grown(&mut forecast, 0.9, 0.97, 100.0);
         assert!(!forecast.is_likely() && forecast.done() == before);
         grown(&mut forecast, 0.975, 1.0, 150.0);
-        assert!(forecast.is_likely() && forecast.done() > 0.9, "{forecast:?}");
+        assert!(forecast.is_likely() && (0.9..1.0).contains(&forecast.done()), "{forecast:?}");
+        forecast.note(300.0, 1.0);
+        assert_eq!(forecast.done(), 1.0);
     }
 
     #[test]
