@@ -26,6 +26,7 @@
 
 pub mod analysis;
 mod arrays;
+mod bayes;
 pub mod blend;
 pub mod check;
 pub mod checkpoint;

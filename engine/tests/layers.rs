@@ -5,10 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The modules of the engine from the lowest to the highest: each may use itself and those before it.
-const LAYERS: [&str; 33] = [
+const LAYERS: [&str; 34] = [
     "arrays",
     "cpu",
     "elementary",
+    "bayes",
     "memory",
     "threads",
     "rng",

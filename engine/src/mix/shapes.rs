@@ -162,7 +162,7 @@ pub(crate) struct MeanForm {
     pub(crate) width: f64,
     /// Share of polyhedra,
     pub(crate) angular: f64,
-    /// and of parallelepipeds, less what is round of them.
+    /// and of parallelepipeds, each less its roundness.
     pub(crate) cuboid: f64,
 }
 
@@ -245,7 +245,7 @@ impl ShapeSampler {
                 let mut bodies = Vec::new();
                 part.forms.add_bodies(part.cumulative - before, self.measure, &mut bodies);
                 before = part.cumulative;
-                let angular = if let Forms::Polyhedra { templates, .. } = &part.forms {
+                let [angular, cuboid] = if let Forms::Polyhedra { templates, .. } = &part.forms {
                     let of_body = |body: &Polyhedron| {
                         if body.is_parallelepiped() { 1.0 - body.roundness() } else { 0.0 }
                     };
@@ -259,8 +259,8 @@ impl ShapeSampler {
                     all += share;
                     sum.surface += share * body.surface / ball.surface;
                     sum.width += share * body.mean_curvature / ball.mean_curvature;
-                    sum.angular += share * angular[0];
-                    sum.cuboid += share * angular[1];
+                    sum.angular += share * angular;
+                    sum.cuboid += share * cuboid;
                 }
             }
         }

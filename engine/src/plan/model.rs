@@ -159,10 +159,10 @@ pub(crate) struct Features {
     walls: f64,
     /// Largest diameter over the smallest.
     ratio: f64,
-    /// Surface and mean width of the grains over those of spheres, by volume,
+    /// Surface and mean width of the grains over those of spheres, in the mean by volume;
     surface: f64,
     width: f64,
-    /// and their shares that are angular, and cuboids.
+    /// the share of polyhedra, and that of cuboids less their rounding.
     angular: f64,
     cuboid: f64,
 }

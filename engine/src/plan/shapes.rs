@@ -7,7 +7,7 @@ use super::invalid;
 use crate::distance::DistanceRule;
 use crate::elementary::{exp, powf};
 use crate::error::PlanError;
-use crate::methods::monte_carlo::work_to;
+use crate::methods::monte_carlo::time_to;
 use crate::mix::{GradedMix, ShapeSampler};
 use crate::request::{GrainKind, PackingRequest, Specimen};
 use crate::shape::{Ellipsoid, ScaledPolyhedron, SizeMeasure};
@@ -23,7 +23,7 @@ const ROUNDING: f64 = 1.0e-5;
 /// Times of grains of other shapes, by the product of their surface and mean width over those of spheres less 1, `e`,
 /// and by the share of polyhedra (`docs/estimates.md`).
 mod time {
-    /// Growth by moves, of spheres, in microseconds per grain and [`work_to`].
+    /// Growth by moves, of spheres, in microseconds per grain and [`time_to`].
     pub(super) const MOVES_US: f64 = 2.7;
     /// It takes longer by this much per `e`, and for polyhedra by this much and this power of their share.
     pub(super) const MOVES_FORM: f64 = 9.2;
@@ -65,7 +65,7 @@ pub(super) fn extrapolation(kind: GrainKind) -> Option<&'static str> {
 pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) -> f64 {
     let of_angular = time::MOVES_ANGULAR * powf(angular, time::MOVES_ANGULAR_POWER);
     let us = time::MOVES_US * (1.0 + time::MOVES_FORM * (form - 1.0) + of_angular);
-    let steps = share.map_or(time::TO_JAMMING, |share| work_to(share.min(1.0)));
+    let steps = share.map_or(time::TO_JAMMING, |share| time_to(share.min(1.0)));
     templates_s(angular) + us * 1e-6 * grains.max(time::FEW) * steps
 }
 

@@ -11,6 +11,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
+use crate::bayes::means;
 use crate::control::Progress;
 use crate::elementary::{exp, ln};
 use crate::plan::Crowding;
@@ -143,21 +144,14 @@ impl Forecast {
         let seen = odds(share(half_looks / noted.looks));
         let telling = ((noted.placed - half) * self.grains).clamp(1.0, MOST_TELLING);
         let limit = (most_looks - (noted.looks - noted.placed_at)).max(0.0);
-        let (mut most, mut cases) = (f64::NEG_INFINITY, [[0.0; 2]; VALUES]);
-        for (value, case) in cases.iter_mut().enumerate() {
+        let cases = std::array::from_fn::<_, VALUES, _>(|value| {
             let off = odds(share(before[value] / now[value].max(f64::MIN_POSITIVE))) - seen;
             let ln_weight = -0.5 * (ln_end(value) / ERROR).powi(2) - 0.25 * off * off * telling;
             let left = noted.looks * (all[value] - now[value]) / now[value].max(f64::MIN_POSITIVE);
-            *case = [ln_weight, ln(noted.looks / (noted.looks + left.min(limit)))];
-            most = f64::max(most, ln_weight);
-        }
-        let (mut weights, mut sum) = (0.0, 0.0);
-        for [ln_weight, ln_fraction] in cases {
-            let weight = exp(ln_weight - most);
-            weights += weight;
-            sum += weight * ln_fraction;
-        }
-        exp(sum / weights)
+            (ln_weight, [ln(noted.looks / (noted.looks + left.min(limit)))])
+        });
+        let [ln_fraction] = means(&cases);
+        exp(ln_fraction)
     }
 }
 

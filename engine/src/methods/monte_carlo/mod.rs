@@ -54,7 +54,7 @@ use crate::segregation::Preference;
 use crate::shape::Pose;
 pub use group::MAX_GRAINS;
 pub(crate) use halves::LEAST_CUT;
-pub(crate) use run::work_to;
+pub(crate) use run::time_to;
 use run::{MOST_SKIN_OVER_D, Run, start_share};
 
 /// Grains grow to their target times this, so that the check, which rounds differently, finds no overlap.

@@ -21,7 +21,7 @@ pub struct Edge {
     pub exterior_angle: f64,
 }
 
-/// Cosine by which the normals of parallel faces may differ.
+/// The cosine between the normals of opposite faces that are parallel is -1 but for this.
 const PARALLEL: f64 = 1e-9;
 
 impl Polyhedron {

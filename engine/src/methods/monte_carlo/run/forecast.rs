@@ -1,13 +1,14 @@
 //! How much of a run is done, predicted while it goes on.
 //!
-//! Growth by moves slows down as the grains come near to what they reach: the time to a volume fraction is
-//! [`work_to`] its share `x` of that reach. The reach is forecast by `plan`, with an error. The run tells more: the
+//! Growth by moves slows down as the grains come near to what they reach: the time to a volume fraction follows from its
+//! share of that reach ([`time_to`]). The reach is forecast by `plan`, with an error. The run tells more: the
 //! nearer the reach, the less the grains grew in the last part of the time so far. Values of the reach are weighted by
 //! both (Bayes). The law was fitted to runs of 72 mixes, and the error and the weights were chosen on these
 //! (`docs/estimates.md`, "Progress").
 
 use std::collections::VecDeque;
 
+use crate::bayes::means;
 use crate::elementary::{exp, ln, powf};
 
 /// The power of what is left of the reach by which the time of growth rises, and what is left at least.
@@ -33,27 +34,27 @@ const REACHED: f64 = 1.0 - 1e-12;
 /// Largest share that is predicted before the target is reached.
 const MOST_DONE: f64 = 0.99;
 /// Targets beyond this share of the reach are more likely missed than reached.
-const MOST_LIKELY: f64 = 1.02;
+const LIKELY_TARGET: f64 = 1.02;
 
 /// Time of growth by moves, with its start from random addition, to a share of the volume fraction that it reaches. The
 /// unit depends on the grains.
-pub(crate) fn work_to(share: f64) -> f64 {
+pub(crate) fn time_to(share: f64) -> f64 {
     growth_to(share) + start_of(share)
 }
 
-/// The part of [`work_to`] a share that growth takes.
+/// The part of [`time_to`] a share that growth takes.
 fn growth_to(share: f64) -> f64 {
     powf((1.0 + LEFT - share).max(LEAST_LEFT), POWER)
 }
 
-/// The part of [`work_to`] a target that its start takes.
+/// The part of [`time_to`] a target that its start takes.
 fn start_of(share: f64) -> f64 {
     START * powf(share.min(1.0), START_POWER)
 }
 
 /// Share of the time to a target that its start is expected to take.
 pub(in crate::methods::monte_carlo) fn start_share(target: f64) -> f64 {
-    start_of(target) / work_to(target)
+    start_of(target) / time_to(target)
 }
 
 /// What is predicted at some time.
@@ -66,7 +67,7 @@ struct Prediction {
     target: f64,
 }
 
-/// The share of its time that a run to a target has taken.
+/// What share of its time a run to a target has taken.
 #[derive(Clone, Debug)]
 pub(super) struct Forecast {
     /// Time so far, and the volume over that at the target, from `BEFORE` of the time on.
@@ -110,7 +111,7 @@ impl Forecast {
 
     /// Whether the target is more likely reached than missed; `false` while nothing can be said.
     pub(super) fn is_likely(&self) -> bool {
-        self.predicted.done > 0.0 && self.predicted.target < MOST_LIKELY
+        self.predicted.done > 0.0 && self.predicted.target < LIKELY_TARGET
     }
 
     fn predict(&self, time: f64) -> Prediction {
@@ -118,23 +119,16 @@ impl Forecast {
             return Prediction::default();
         };
         let seen = ln((time / from).max(1.0));
-        let cases = self.targets.map(|target| {
+        let cases = std::array::from_fn::<_, VALUES, _>(|value| {
+            let target = self.targets[value];
             // The start is that of the target from the first.
-            let work = |share: f64| growth_to(share * target) + start_of(target);
-            let [before, now, all] = [*before, *now, 1.0].map(work);
-            (ln(now / before) - seen, [ln((now / all).min(1.0)), ln(target)])
+            let time_to = |share: f64| growth_to(share * target) + start_of(target);
+            let [before, now, all] = [*before, *now, 1.0].map(time_to);
+            let off = ln(now / before) - seen;
+            let ln_weight = -0.5 * (ln_value(value) / ERROR).powi(2) - TELLING * off * off;
+            (ln_weight, [ln((now / all).min(1.0)), ln(target)])
         });
-        let weight = |(value, (off, _)): (usize, &(f64, [f64; 2]))| {
-            -0.5 * (ln_value(value) / ERROR).powi(2) - TELLING * off * off
-        };
-        let most = cases.iter().enumerate().map(weight).fold(f64::NEG_INFINITY, f64::max);
-        let (mut weights, mut sums) = (0.0, [0.0; 2]);
-        for case in cases.iter().enumerate() {
-            let weight = exp(weight(case) - most);
-            weights += weight;
-            sums = [0, 1].map(|i| sums[i] + weight * case.1.1[i]);
-        }
-        let [done, target] = sums.map(|sum| exp(sum / weights));
+        let [done, target] = means(&cases).map(exp);
         Prediction { time, done: done.min(MOST_DONE), target }
     }
 }
@@ -152,7 +146,7 @@ mod tests {
     /// target that lies `share` from its reach, which is forecast wrong by a factor.
     fn off(share: f64, wrong: f64) -> f64 {
         let mut forecast = Forecast::new(share * wrong);
-        let all = work_to(share);
+        let all = time_to(share);
         let start = start_of(share);
         let mut off = Vec::new();
         let (mut now, mut time) = (0.5 * share, 0.0);

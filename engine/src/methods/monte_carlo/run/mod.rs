@@ -33,7 +33,7 @@ use crate::shape::Pose;
 use end::Pushes;
 use forecast::Forecast;
 pub(super) use forecast::start_share;
-pub(crate) use forecast::work_to;
+pub(crate) use forecast::time_to;
 
 /// Sweeps of moves in a cycle, and moves in a cycle of few grains.
 const SWEEPS_PER_CYCLE: u64 = 5;

@@ -43,13 +43,14 @@ pub(in super::super) fn run(seed: u64, as_json: bool) -> Result<(), Failure> {
     for (number, job) in jobs.iter().enumerate() {
         say(&format!("{} of {}: {}", number + 1, jobs.len(), job.name));
         let (request, export) = (job.request.clone(), job.export.clone());
-        // An export may need a program that is not installed: the others are followed all the same.
+        // An export may need a program that is not installed: the other jobs are followed all the same.
         let outcome = match in_own_process(&Task { request, seed, most_cpu_s: BUDGET_S, export }) {
             Ok(outcome) => outcome,
-            Err(fault) => {
+            Err(fault) if job.export.is_some() => {
                 say(&format!("{} was not followed: {fault}", job.name));
                 continue;
             }
+            Err(fault) => return Err(fault),
         };
         let row = if as_json {
             json!({"job": job.name, "cpu_s": outcome.cpu_s, "progress": outcome.progress}).to_string()
