@@ -262,8 +262,7 @@ async fn polyhedra_have_plans() {
                 "{planned:#}"
             );
             assert!(number(&planned, "estimated_time_s") > 0.0, "{planned:#}");
-            let beyond = planned["extrapolations"].as_array().unwrap();
-            assert!(beyond.iter().any(|x| x.as_str().unwrap().contains("polyhedra")), "{planned:#}");
+            assert_eq!(planned["extrapolations"], json!([]), "mixes like it were measured: {planned:#}");
         }
     }
     server.stop().await;

@@ -212,12 +212,14 @@ impl<'a> Case<'a> {
     /// What growth by moves is likely to do.
     fn growth_by_moves(&self) -> MethodEstimate {
         let (features, grains) = (&self.features, self.grains);
-        let seconds = shapes::moves_s(features.form(), self.form.angular, self.share_of_moves(), grains);
-        let within = model::likely_within(seconds, most_growth_s(self.request));
+        let limit = features.moves_limit(grains);
+        let time_s = |share| shapes::moves_s(features.form(), self.form.angular, share, grains);
+        // Grains that grow on until they jam succeed once they have their size, when a limit of time ends that.
+        let within = model::likely_within(time_s(Some(self.filled / limit)), most_growth_s(self.request));
         MethodEstimate::new(
             within * features.moves_success(self.filled, grains),
-            seconds,
-            features.moves_limit(grains),
+            time_s(self.share_of_moves()),
+            limit,
         )
     }
 

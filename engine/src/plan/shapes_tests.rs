@@ -313,6 +313,27 @@ fn random_addition_that_fails_is_forecast_to_its_end() {
     }
 }
 
+/// The largest distance is what growth has come to when its time is over: the time to jam is far longer.
+#[test]
+fn a_limit_of_time_does_not_make_the_largest_distance_unlikely() {
+    let at = |fraction: f64, time_s: f64| {
+        let value = json!({
+            "specimen": {"type": "box", "size_mm": [80, 80, 80]},
+            "mix": fuller(fraction, &ellipsoids([1.5, 1.2, 1.0])),
+            "distance": {"type": "maximize"},
+            "method": {"type": "monte_carlo", "stop": {"time_s": time_s}},
+        });
+        let request = PackingRequest::from_json(&value, 1).unwrap();
+        Plan::new(&request, &Limits::default()).unwrap()
+    };
+    let plan = at(0.5, 6.0);
+    assert!(plan.success_probability > 0.9 && plan.warnings.is_empty(), "{plan:?}");
+    assert_eq!(plan.estimated_time_s, 6.0);
+    // In a millisecond the grains do not come to their size.
+    assert!(at(0.5, 1e-3).success_probability < 0.1);
+    assert!(at(0.85, 6.0).success_probability < 0.1);
+}
+
 #[test]
 fn times_of_mixtures_are_those_measured() {
     let sphere = json!({"type": "sphere"});

@@ -1,7 +1,7 @@
 //! How much of a run is done, predicted while it goes on.
 //!
-//! Growth by moves slows down as the grains come near to what they reach: the time to a volume fraction follows from its
-//! share of that reach ([`time_to`]). The reach is forecast by `plan`, with an error. The run tells more: the
+//! Growth by moves slows down as the grains come near to what they reach: the time to a volume fraction follows from
+//! its share of that reach ([`time_to`]). The reach is forecast by `plan`, with an error. The run tells more: the
 //! nearer the reach, the less the grains grew in the last part of the time so far. Values of the reach are weighted by
 //! both (Bayes). The law was fitted to runs of 72 mixes, and the error and the weights were chosen on these
 //! (`docs/estimates.md`, "Progress").
