@@ -9,7 +9,7 @@ use super::polyhedra::WIDER;
 use super::*;
 use crate::rng::draws::{between, direction};
 use crate::rng::{Stream, stream, uniform};
-use crate::shape::polyhedron::{TemplateKind, draw_template};
+use crate::shape::polyhedron::{PlatonicSolid, TemplateKind, draw_template};
 use crate::shape::{Ellipsoid, Form, Polyhedron, ScaledPolyhedron};
 
 type Rng = Xoshiro256PlusPlus;
@@ -149,6 +149,30 @@ fn pair(rng: &mut Rng, template: &Polyhedron, gap_share: f64) -> (Ellipsoid, Pos
     let [h_a, h_b] = both.supports(&n);
     let center_mm = of_a.center_mm + n * (h_a + h_b + gap_share * scale.min(a.semi_axes_mm().z));
     (a, of_a, scale, Pose { center_mm, ..of_b })
+}
+
+/// Long tetrahedra and ellipsoids, which meet at points of the polytope that lie nearly in one plane. A polytope that
+/// is torn there grew until the search did not end.
+#[test]
+fn depths_of_long_bodies_are_found() {
+    let rng = &mut stream(5, Stream::Shape);
+    for _ in 0..2000 {
+        let form = Form { elongation: between(rng, 0.2, 1.0), flatness: between(rng, 0.2, 1.0) };
+        let template = draw_template(TemplateKind::Platonic(PlatonicSolid::Tetrahedron), form, rng)
+            .unwrap()
+            .normalized();
+        let share = -10.0_f64.powf(between(rng, -3.0, 0.0));
+        let (a, of_a, scale_mm, of_b) = pair(rng, &template, share);
+        let shape = ScaledPolyhedron { template: &template, scale_mm };
+        let both = Both::new(a, of_a, &shape, &of_b);
+        let contact = Body::new(a.into(), &of_a).contact(&Body::new(shape.into(), &of_b));
+        let size = a.semi_axes_mm().x + scale_mm;
+        assert!((both.separation(&contact.normal) - contact.gap_mm).abs() < 1e-12 * size);
+        for _ in 0..100 {
+            let other = both.separation(&direction(rng));
+            assert!(contact.gap_mm > other - 1e-9 * size, "{} {other} {size}", contact.gap_mm);
+        }
+    }
 }
 
 properties! {

@@ -3,7 +3,7 @@
 //!
 //! The polytope lies within the difference of the bodies. The face whose plane has the least height above the origin,
 //! negative while the polytope does not hold the origin, is replaced by faces to the point of the difference that lies
-//! farthest along its normal, until there is none farther.
+//! farthest along its normal, with the faces beside it that see that point, until there is none farther.
 
 use nalgebra::Vector3;
 
@@ -57,25 +57,51 @@ pub(super) fn least_depth<A: Core, B: Core>(
             faces[index].height = f64::INFINITY;
             continue;
         }
-        // Faces that see the new point give way; the edges between them and the others are its horizon.
         let sees = |face: &Face| face.normal.dot(&difference.w) > face.plane + rounding;
+        // The next round would end the search.
+        if !sees(&nearest) {
+            break;
+        }
+        let gives_way = region(&faces, index, sees);
+        let given_way =
+            || faces.iter().zip(&gives_way).filter(|(_, gives_way)| **gives_way).map(|(face, _)| face);
         let mut horizon: Vec<[usize; 2]> = Vec::new();
-        for face in faces.iter().filter(|face| sees(face)) {
-            let [i, j, k] = face.corners;
-            for [from, to] in [[i, j], [j, k], [k, i]] {
-                match horizon.iter().position(|edge| *edge == [to, from]) {
-                    Some(inner) => drop(horizon.swap_remove(inner)),
-                    None => horizon.push([from, to]),
-                }
+        for [from, to] in given_way().flat_map(Face::edges) {
+            match horizon.iter().position(|edge| *edge == [to, from]) {
+                Some(inner) => drop(horizon.swap_remove(inner)),
+                None => horizon.push([from, to]),
             }
         }
-        faces.retain(|face| !sees(face));
+        let mut gives_way = gives_way.into_iter();
+        faces.retain(|_| gives_way.next() != Some(true));
         points.push(difference);
         for [from, to] in horizon {
             faces.push(Face::new([from, to, points.len() - 1], &points));
         }
+        debug_assert!(faces.len() <= 2 * points.len() - 4, "a polytope of {} points is torn", points.len());
     }
     best.map(|(_, normal)| normal)
+}
+
+/// Which faces see the new point and give way: those that join the first one through others that see it.
+///
+/// Rounding lets faces elsewhere see it too. They stay: without them the polytope would be torn, and have more faces
+/// with every point. A region of `k` faces that join has at most `k + 2` edges around it, so that a new point adds two
+/// faces at most.
+fn region(faces: &[Face], first: usize, sees: impl Fn(&Face) -> bool) -> Vec<bool> {
+    let mut found = vec![false; faces.len()];
+    found[first] = true;
+    let mut open = vec![first];
+    while let Some(index) = open.pop() {
+        for [from, to] in faces[index].edges() {
+            let beyond = faces.iter().position(|face| face.edges().contains(&[to, from]));
+            if let Some(beyond) = beyond.filter(|&beyond| !found[beyond] && sees(&faces[beyond])) {
+                found[beyond] = true;
+                open.push(beyond);
+            }
+        }
+    }
+    found
 }
 
 /// A tetrahedron of points of the difference, the fourth on the left of the others: of the simplex and the extreme
@@ -116,5 +142,11 @@ impl Face {
                 Self { corners, normal: Vector3::zeros(), plane: f64::NEG_INFINITY, height: f64::INFINITY }
             }
         }
+    }
+
+    /// The edges, from corner to corner.
+    fn edges(&self) -> [[usize; 2]; 3] {
+        let [i, j, k] = self.corners;
+        [[i, j], [j, k], [k, i]]
     }
 }
