@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use packstone_engine::export::{ExportError, ExportRequest, Model};
 use packstone_engine::{
-    Control, Limits, PackError, PackingRequest, PlanError, Progress, TargetNotReached, Unattended, pack,
+    Control, Limits, PackError, PackingRequest, Progress, TargetNotReached, Unattended, pack,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -115,7 +115,7 @@ fn run(task: &Task) -> Result<Outcome, Failure> {
             End::Short
         }
         Err(PackError::TargetNotReached(_)) => End::Short,
-        Err(PackError::Plan(PlanError::Infeasible(_))) => End::Refused,
+        Err(PackError::Plan(_)) => End::Refused,
         Err(PackError::Stopped { .. }) => End::Cut,
         Err(fault) => return Err(fault.to_string().into()),
     };
@@ -227,5 +227,32 @@ impl Follower {
             eta_factor: median(factors.collect()),
             eta_null: unknown as f64 / judged.len() as f64,
         })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_grain_that_fits_nowhere_is_refused_and_ends_no_benchmark() {
+        let needle =
+            json!({"type": "ellipsoid", "ratios": {"type": "constant", "b_over_a": 0.12, "c_over_a": 0.1}});
+        let request = json!({
+            "specimen": {"type": "box", "size_mm": [24, 24, 24]},
+            "mix": {
+                "grading": {"type": "diameters", "diameters_mm": [9, 4]},
+                "allow_coarse": true,
+                "shape": needle,
+                "size": "equivalent",
+            },
+            "distance": {"type": "constant", "gap_mm": 2.5},
+            "method": {"type": "monte_carlo"},
+        });
+        let task = Task { request, seed: 1, most_cpu_s: 1.0, export: None };
+        assert_eq!(run(&task).unwrap().end, End::Refused);
     }
 }
