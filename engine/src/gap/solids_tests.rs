@@ -151,8 +151,8 @@ fn pair(rng: &mut Rng, template: &Polyhedron, gap_share: f64) -> (Ellipsoid, Pos
     (a, of_a, scale, Pose { center_mm, ..of_b })
 }
 
-/// Long tetrahedra and ellipsoids, which meet at points of the polytope that lie nearly in one plane. A polytope that
-/// is torn there grew until the search did not end.
+/// Long tetrahedra and ellipsoids: points of their difference often lie nearly in one plane, where rounding could tear
+/// the polytope of the search, which asserts that it is whole.
 #[test]
 fn depths_of_long_bodies_are_found() {
     let rng = &mut stream(5, Stream::Shape);

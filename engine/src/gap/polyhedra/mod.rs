@@ -335,7 +335,7 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
         let (normal, points) = match end {
             End::Near(simplex) if best.0 > 0.0 => (best.1, self.nearest_points(&best.1, &simplex)),
             End::Near(simplex) | End::Overlap(simplex) => {
-                let deepest = penetration::least_depth(self, &simplex).unwrap_or(best.1);
+                let deepest = penetration::least_depth(self, simplex.corners()).unwrap_or(best.1);
                 let n = if self.core_separation(&deepest).0 >= best.0 { deepest } else { best.1 };
                 (n, self.deepest_points(&n))
             }
@@ -459,7 +459,8 @@ impl<A: Core, B: Core> Pair<'_, A, B> {
     /// edges gives a better one.
     #[cold]
     fn past_rounding(&self, best: (f64, Vector3<f64>), simplex: &Simplex) -> (f64, Vector3<f64>) {
-        let deepest = penetration::least_depth(self, simplex).map(|n| (self.core_separation(&n).0, n));
+        let deepest =
+            penetration::least_depth(self, simplex.corners()).map(|n| (self.core_separation(&n).0, n));
         deepest.filter(|deepest| deepest.0 > best.0).unwrap_or(best)
     }
 

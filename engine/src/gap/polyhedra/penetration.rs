@@ -7,7 +7,7 @@
 
 use nalgebra::Vector3;
 
-use super::simplex::{Difference, Simplex};
+use super::simplex::Difference;
 use super::{Core, Pair};
 use crate::arrays::Each as _;
 
@@ -26,16 +26,16 @@ struct Face {
     height: f64,
 }
 
-/// Direction of the least depth; `None` where rounding leaves no polytope.
+/// Direction of the least depth, from some points of the difference; `None` where rounding leaves no polytope.
 ///
 /// The support function of the difference along any normal is a depth, so that the least one seen is kept. Points of
 /// the difference often lie in a plane, as corners of parallel edges do; faces between them may be slivers without a
 /// plane of their own. Such a face finds no point that is not known, and is passed over.
 pub(super) fn least_depth<A: Core, B: Core>(
     pair: &Pair<'_, A, B>,
-    simplex: &Simplex,
+    known: &[Difference],
 ) -> Option<Vector3<f64>> {
-    let mut points = first_points(pair, simplex)?;
+    let mut points = first_points(pair, known)?;
     let mut faces: Vec<Face> = Vec::with_capacity(64);
     for corners in [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]] {
         faces.push(Face::new(corners, &points));
@@ -62,33 +62,41 @@ pub(super) fn least_depth<A: Core, B: Core>(
         if !sees(&nearest) {
             break;
         }
-        let gives_way = region(&faces, index, sees);
-        let given_way =
-            || faces.iter().zip(&gives_way).filter(|(_, gives_way)| **gives_way).map(|(face, _)| face);
+        // The seen faces give way; the edges between them and the others are their horizon.
         let mut horizon: Vec<[usize; 2]> = Vec::new();
-        for [from, to] in given_way().flat_map(Face::edges) {
-            match horizon.iter().position(|edge| *edge == [to, from]) {
-                Some(inner) => drop(horizon.swap_remove(inner)),
-                None => horizon.push([from, to]),
+        let mut kept = Vec::with_capacity(faces.len() + 2);
+        for (face, is_seen) in faces.iter().zip(seen_region(&faces, index, sees)) {
+            if !is_seen {
+                kept.push(*face);
+                continue;
+            }
+            for [from, to] in face.edges() {
+                match horizon.iter().position(|edge| *edge == [to, from]) {
+                    Some(inner) => drop(horizon.swap_remove(inner)),
+                    None => horizon.push([from, to]),
+                }
             }
         }
-        let mut gives_way = gives_way.into_iter();
-        faces.retain(|_| gives_way.next() != Some(true));
+        faces = kept;
         points.push(difference);
         for [from, to] in horizon {
             faces.push(Face::new([from, to, points.len() - 1], &points));
         }
-        debug_assert!(faces.len() <= 2 * points.len() - 4, "a polytope of {} points is torn", points.len());
+        // By Euler's formula a closed polytope has no more. Those of a torn one would grow in number without a bound.
+        if faces.len() > 2 * points.len() - 4 {
+            debug_assert!(false, "a polytope of {} points is torn", points.len());
+            break;
+        }
     }
     best.map(|(_, normal)| normal)
 }
 
-/// Which faces see the new point and give way: those that join the first one through others that see it.
+/// Which faces join the first one through others that see the new point, and see it too.
 ///
-/// Rounding lets faces elsewhere see it too. They stay: without them the polytope would be torn, and have more faces
-/// with every point. A region of `k` faces that join has at most `k + 2` edges around it, so that a new point adds two
-/// faces at most.
-fn region(faces: &[Face], first: usize, sees: impl Fn(&Face) -> bool) -> Vec<bool> {
+/// Rounding lets faces elsewhere see it as well. They stay: without them the polytope would be torn. A region of `k`
+/// faces, each of which joins one that was found before, has at most `k + 2` edges around it, so that a new point adds
+/// two faces at most.
+fn seen_region(faces: &[Face], first: usize, sees: impl Fn(&Face) -> bool) -> Vec<bool> {
     let mut found = vec![false; faces.len()];
     found[first] = true;
     let mut open = vec![first];
@@ -104,10 +112,10 @@ fn region(faces: &[Face], first: usize, sees: impl Fn(&Face) -> bool) -> Vec<boo
     found
 }
 
-/// A tetrahedron of points of the difference, the fourth on the left of the others: of the simplex and the extreme
+/// A tetrahedron of points of the difference, the fourth on the left of the others: of those known and the extreme
 /// points along the axes, those that lie far from one another.
-fn first_points<A: Core, B: Core>(pair: &Pair<'_, A, B>, simplex: &Simplex) -> Option<Vec<Difference>> {
-    let mut all = simplex.corners().to_vec();
+fn first_points<A: Core, B: Core>(pair: &Pair<'_, A, B>, known: &[Difference]) -> Option<Vec<Difference>> {
+    let mut all = known.to_vec();
     for axis in 0..3 {
         for sign in [1.0, -1.0] {
             all.push(pair.core_separation(&Vector3::ith(axis, sign)).1);

@@ -231,6 +231,74 @@ fn least_depths_of_random_templates_agree_with_brute_force() {
     }
 }
 
+/// A body by its corners, and the size that its rounding is taken of.
+#[derive(Clone, Copy)]
+struct Corners {
+    corners: [V; 4],
+    size_mm: f64,
+}
+
+impl Core for Corners {
+    const IS_SMOOTH: bool = false;
+
+    fn core_support(&self, n: &V) -> (f64, V) {
+        let heights = self.corners.map(|corner| (corner.dot(n), corner));
+        heights.into_iter().max_by(|p, q| p.0.total_cmp(&q.0)).unwrap()
+    }
+
+    fn core_height_mm(&self, n: &V) -> f64 {
+        self.core_support(n).0
+    }
+
+    fn rounding_mm(&self) -> f64 {
+        0.0
+    }
+
+    fn size_mm(&self) -> f64 {
+        self.size_mm
+    }
+
+    fn attaining(&self, n: &V, tolerance: f64) -> Vec<V> {
+        let least = self.core_height_mm(n) - tolerance;
+        self.corners.into_iter().filter(|corner| corner.dot(n) >= least).collect()
+    }
+}
+
+/// A long ellipsoid and a long tetrahedron of a mix that grew: with all faces that see a new point, rounding tore the
+/// polytope, whose faces grew in number until the search did not end.
+#[test]
+fn the_search_ends_where_rounding_could_tear_the_polytope() {
+    let ellipsoid = Symmetric([
+        332.826_208_557_913_73,
+        -360.589_129_004_125_9,
+        307.872_143_042_627_9,
+        639.633_918_901_848_2,
+        -428.006_425_575_516_8,
+        400.933_091_866_435_86,
+    ]);
+    let corners = [
+        V::new(-30.601_251_474_539_62, -39.872_033_512_869_53, -40.282_213_189_676_2),
+        V::new(2.702_638_961_018_397_6, -60.549_536_713_732_8, -21.801_873_637_754_99),
+        V::new(-3.501_313_282_673_329_8, 47.320_299_703_567_95, 43.559_182_602_282_704),
+        V::new(31.399_925_796_194_555, 53.101_270_523_034_38, 18.524_904_225_148_486),
+    ];
+    let tetrahedron = Corners { corners, size_mm: 105.0 };
+    let r = V::new(39.056_119_507_333_65, -6.129_929_975_337_127, 24.055_294_411_368_823);
+    let pair = Pair { a: &ellipsoid, b: &tetrahedron, r };
+    let known = [
+        (V::new(17.386_553_096_300_63, -15.943_175_658_730_302, 12.824_902_297_493_251), corners[2]),
+        (V::new(17.386_561_813_601_855, -15.943_207_033_705_681, 12.824_926_134_727_445), corners[0]),
+    ]
+    .map(|(of_a, of_b)| Difference { w: (r + of_b) - of_a, of_a, of_b });
+    let normal = penetration::least_depth(&pair, &known).unwrap();
+    let (found, _) = pair.core_separation(&normal);
+    let mut rng = stream(1, Stream::Shape);
+    for _ in 0..10_000 {
+        let (other, _) = pair.core_separation(&direction(&mut rng));
+        assert!(found >= other, "{found} {other}");
+    }
+}
+
 /// Parallel faces and edges, corner against corner, equal bodies at the same place: where simplices are flat.
 #[test]
 fn regular_bodies_in_regular_positions() {
