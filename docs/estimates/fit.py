@@ -110,9 +110,10 @@ def random(x, row, shape=(0, 0, 0, 0)):
 
 
 def jamming(x, row, grains):
-    bulk, walls, equal, few = x
+    bulk, walls, equal, few, very_few = x
     equal *= math.exp(-((row["spread"] / 0.05) ** 2))
-    return row["close"] * max(0.5, bulk - walls * row["walls_of_mean"] - equal - few * grains ** (-1 / 3))
+    of_dozens = max(0.5, bulk - walls * row["walls_of_mean"] - equal - few * grains ** (-1 / 3))
+    return row["close"] * max(0.3, of_dozens - very_few / grains)
 
 
 def ln_events(x, row, filled, grains):
@@ -187,9 +188,12 @@ def main():
     # Events and reach of growth share the volume fraction of jamming. 0.01 of reach weighs as 0.6 of ln(events).
     by_events = error(reach_by_events, "events")
     of_fit = [study for study in studies if study["fitted"]]
-    both = lambda x: np.concatenate([list(off_events(x, of_fit)), 60 * by_events(x)])
-    x = least_squares(both, [2, 2, 2, 1.6, 1.1, 0.11, 0.03, 0.15], loss="soft_l1").x
-    name = "growth: EVENTS, -GAP, FILLED, TO_GROW, BULK, -WALLS, -EQUAL, -FEW"
+    of_many = lambda x: np.append(x, 0)
+    both = lambda x: np.concatenate([list(off_events(of_many(x), of_fit)), 60 * by_events(of_many(x))])
+    x = of_many(least_squares(both, [2, 2, 2, 1.6, 1.1, 0.11, 0.03, 0.15], loss="soft_l1").x)
+    of_few = error(reach_by_events, "few-events")
+    x[-1:] = fit("growth of few grains: -VERY_FEW", lambda very_few: of_few([*x[:-1], *very_few]), [0.5])
+    name = "growth: EVENTS, -GAP, FILLED, TO_GROW, BULK, -WALLS, -EQUAL, -FEW, -VERY_FEW"
     told(name + ": reach", x, by_events(x))
     for fitted in (True, False):
         of_studies = list(off_events(x, [study for study in studies if study["fitted"] == fitted]))
@@ -199,10 +203,10 @@ def main():
 
     def moves(y, row):
         aspherical, surface, width, angular, cuboid, few = y
-        by_form = aspherical + few * row["grains"] ** (-1 / 3)
+        by_form = aspherical + few * max(row["grains"], 22) ** (-1 / 3)
         by_form *= 1 - math.exp(-row["form"].sum() / 0.08)
         by_form += row["form"] @ [surface, width] + angular * row["angular"] + cuboid * row["cuboid"]
-        return np.mean(share) * jamming(x[4:], row, row["grains"]) * math.exp(by_form)
+        return np.mean(share) * jamming([*x[4:-1], 0], row, row["grains"]) * math.exp(by_form)
 
     fit("by moves: ASPHERICAL, SURFACE, WIDTH, ANGULAR, CUBOID, FEW", error(moves, "moves"),
         [0.05, -0.2, -0.3, -0.04, 0.13, 0.25])

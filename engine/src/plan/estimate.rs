@@ -99,6 +99,9 @@ pub struct Proposal {
     pub specimen: Option<Specimen>,
 }
 
+/// Most times that a proposal is made again for the number of grains of the one before.
+const PROPOSED_AGAIN: usize = 4;
+
 /// A request before the model.
 pub(super) struct Case<'a> {
     pub(super) request: &'a PackingRequest,
@@ -293,17 +296,24 @@ impl<'a> Case<'a> {
 
     pub(super) fn proposal(&self) -> Proposal {
         let volume_fraction = self.mix.has_requested_volume().then(|| {
-            // What is reached depends on the number of grains, which is that of the proposal.
-            let first = self.likely_volume_fraction();
-            if first <= 0.0 {
-                return first;
-            }
+            let mut likely = self.likely_volume_fraction();
             let mut request = self.request.clone();
-            request.mix.volume_fraction = Some(VolumeFraction::Of(first));
-            let mix = GradedMix::new(&request.mix, self.mix.specimen_volume_mm3);
-            let rule = DistanceRule::new(&request.distance, &request.specimen);
-            let proposed = Case::of_mix(&request, &mix, &rule).with_jamming(self.to_jamming);
-            round(proposed.likely_volume_fraction()).min(1.0)
+            // What is reached depends on the number of grains, which is that of the proposal.
+            for _ in 0..PROPOSED_AGAIN {
+                if likely <= 0.0 {
+                    break;
+                }
+                request.mix.volume_fraction = Some(VolumeFraction::Of(likely));
+                let mix = GradedMix::new(&request.mix, self.mix.specimen_volume_mm3);
+                let rule = DistanceRule::new(&request.distance, &request.specimen);
+                let before = likely;
+                let proposed = Case::of_mix(&request, &mix, &rule).with_jamming(self.to_jamming);
+                likely = proposed.likely_volume_fraction();
+                if (likely / before - 1.0).abs() < 0.01 {
+                    break;
+                }
+            }
+            round(likely).min(1.0)
         });
         let distance_mm = match self.request.distance {
             Distance::None { wall_gap_mm: None }

@@ -42,8 +42,12 @@ mod growth {
     pub(super) const EQUAL: f64 = -0.0316;
     /// Spread of ln(d) up to which grains are as good as equal.
     pub(super) const EQUAL_SPREAD: f64 = 0.05;
-    /// Per inverse cube root of the number of grains.
+    /// Per inverse cube root of the number of grains,
     pub(super) const FEW: f64 = -0.1465;
+    /// and per inverse number of them, which counts for fewer than some dozens.
+    pub(super) const VERY_FEW: f64 = -0.535;
+    /// One or two grains between walls are not looser than that.
+    pub(super) const LEAST: f64 = 0.3;
     /// ln of events per grain: at no gap and full size,
     pub(super) const EVENTS: f64 = 2.4739;
     /// per ln of the gap,
@@ -52,8 +56,12 @@ mod growth {
     pub(super) const FILLED: f64 = 2.1896;
     /// and per ln of the share of the volume that is still to grow at the start.
     pub(super) const TO_GROW: f64 = 1.6819;
-    /// Standard error of ln(events).
+    /// Standard error of ln(events),
     pub(super) const ERROR: f64 = 0.4;
+    /// and that of the volume fraction of jamming on mixes that no fit has seen,
+    pub(super) const JAMMING_ERROR: f64 = 0.01;
+    /// more per inverse number of grains.
+    pub(super) const JAMMING_ERROR_OF_FEW: f64 = 0.15;
     /// Events per grain beyond which, by this power law, few runs of the studies succeeded: it is flatter near
     /// its end than they are.
     pub(super) const LAST_SUCCESS: f64 = 2000.0;
@@ -263,14 +271,20 @@ impl Features {
         self.growth_start(filled).min(MOST_START.powi(3) * filled)
     }
 
-    /// Volume fraction, coating included, at which so many growing grains jam.
+    /// Volume fraction, coating included, at which so many grains jam that grow by events.
     pub(crate) fn jamming(&self, grains: f64) -> f64 {
+        let very_few = growth::VERY_FEW / grains.max(1.0);
+        (self.jamming_of_dozens(grains) + self.random_close * very_few).max(growth::LEAST * self.random_close)
+    }
+
+    /// The same as if a few grains lacked no more than some dozens do.
+    fn jamming_of_dozens(&self, grains: f64) -> f64 {
         let equal = exp(-(self.spread / growth::EQUAL_SPREAD).powi(2));
         let share = growth::BULK
             + growth::WALLS * self.walls
             + growth::EQUAL * equal
             + growth::FEW * powf(grains.max(1.0), -1.0 / 3.0);
-        // Of very few grains in large walls nothing is known; they are not looser than that.
+        // In large walls nothing is known; grains are not looser than that.
         self.random_close * share.max(0.5)
     }
 
@@ -312,9 +326,11 @@ impl Features {
 
     /// Probability that growth reaches a volume fraction.
     pub(crate) fn growth_success(&self, filled: f64, grains: f64, options: &GrowthOptions) -> f64 {
-        let needed = self.events_per_grain(filled, grains);
-        let allowed = Self::events_allowed(grains, options) / self.longer_near_reach(filled, grains);
-        normal(ln(allowed.min(growth::LAST_SUCCESS) / needed) / growth::ERROR)
+        let middle = self.growth_reach_at(0.0, grains, options);
+        let runs = (middle - self.growth_reach(grains, options)) / QUANTILE;
+        let error =
+            growth::JAMMING_ERROR * self.wider(grains) + growth::JAMMING_ERROR_OF_FEW / grains.max(1.0);
+        normal((middle - filled) / (runs.powi(2) + error.powi(2)).sqrt())
     }
 
     /// Time of growth in s, to its end or its success, within a limit of events; without a target until it stalls.
@@ -336,9 +352,20 @@ impl Features {
         1.0 + growth::NEAR * self.spread / (1.0 + left / growth::NEAR_WIDTH).powi(2)
     }
 
-    /// Volume fraction up to which growth succeeds with a probability of 90 % within the options.
+    /// Volume fraction, coating included, that nine of ten runs of growth reach within the options.
     pub(crate) fn growth_reach(&self, grains: f64, options: &GrowthOptions) -> f64 {
-        bisect(0.0, self.jamming(grains), |filled| self.growth_success(filled, grains, options) >= LIKELY)
+        self.growth_reach_at(QUANTILE, grains, options)
+    }
+
+    /// Volume fraction that growth reaches if the logarithm of its events is this many standard errors above the
+    /// expected one.
+    fn growth_reach_at(&self, errors: f64, grains: f64, options: &GrowthOptions) -> f64 {
+        let allowed = Self::events_allowed(grains, options);
+        let factor = exp(errors * growth::ERROR);
+        bisect(0.0, self.jamming(grains), |filled| {
+            let most = (allowed / self.longer_near_reach(filled, grains)).min(growth::LAST_SUCCESS);
+            self.events_per_grain(filled, grains) * factor <= most
+        })
     }
 
     /// Volume fraction, coating included, that nine of ten runs of growth by moves reach.
@@ -350,7 +377,7 @@ impl Features {
             + moves::WIDTH * width
             + moves::ANGULAR * self.angular
             + moves::CUBOID * self.cuboid;
-        (growth::REACH * self.jamming(grains) * exp(by_form)).min(moves::REACH)
+        (growth::REACH * self.jamming_of_dozens(grains) * exp(by_form)).min(moves::REACH)
     }
 
     /// Volume fraction, coating included, at which so many grains jam that grow by moves.
