@@ -15,8 +15,8 @@ use crate::telemetry::say;
 
 /// Shares of what a method is expected to reach, coating included, at which it packs.
 const SHARES: [f64; 3] = [0.85, 0.93, 0.98];
-/// CPU time for each job, in s.
-const BUDGET_S: f64 = 60.0;
+/// Time for each job, in s.
+const BUDGET_S: f64 = 120.0;
 
 /// Longest share of a job without a new fraction.
 const MOST_STANDSTILL: f64 = 0.2;

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::super::super::exit::Failure;
-use super::super::meter::{Stopwatch, median, peak_mb};
+use super::super::meter::{Stopwatch, Taken, median, peak_mb};
 use crate::remaining_time::RemainingTime;
 
 /// Looks at the progress that are kept.
@@ -48,6 +48,7 @@ pub(super) enum End {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Outcome {
     pub(super) end: End,
+    /// CPU time; of an export, which may wait for a program that makes its mesh, the time on the clock.
     pub(super) cpu_s: f64,
     pub(super) peak_mb: f64,
     /// Operations: events, moves, or attempts and voxels of random addition.
@@ -98,9 +99,9 @@ fn run(task: &Task) -> Result<Outcome, Failure> {
     if let Some(export) = &task.export {
         return exported(&request, export, task.most_cpu_s);
     }
-    let follower = Follower::start(task.most_cpu_s);
+    let follower = Follower::start(|taken| taken.cpu_s, task.most_cpu_s);
     let packed = pack(&request, &Limits::default(), &follower);
-    let cpu_s = follower.watch.taken().cpu_s;
+    let cpu_s = follower.taken_s();
     let (mut operations, mut reached) = (0, None);
     let end = match &packed {
         Ok(packing) => {
@@ -125,7 +126,7 @@ fn run(task: &Task) -> Result<Outcome, Failure> {
         peak_mb: peak_mb().unwrap_or(0.0),
         operations,
         reached,
-        progress: follower.followed(cpu_s),
+        progress: follower.followed(end, cpu_s),
     })
 }
 
@@ -133,28 +134,30 @@ fn run(task: &Task) -> Result<Outcome, Failure> {
 fn exported(request: &PackingRequest, export: &Value, most_cpu_s: f64) -> Result<Outcome, Failure> {
     let export = ExportRequest::from_json(export).map_err(|faults| format!("{faults:?}"))?;
     let packing = pack(request, &Limits::default(), &Unattended)?;
-    let model = Model::new(&request.specimen, &packing.grains);
-    let follower = Follower::start(most_cpu_s);
+    let model = Model::new(&request.specimen, &packing.grains).with_mesher(&crate::gmsh::Installed);
+    let follower = Follower::start(|taken| taken.wall_s, most_cpu_s);
     let end = match export.write(&model, &Limits::default(), &follower, &mut std::io::sink()) {
         Ok(_) => End::Succeeded,
         Err(ExportError::Stopped) => End::Cut,
         Err(fault) => return Err(fault.to_string().into()),
     };
-    let cpu_s = follower.watch.taken().cpu_s;
+    let cpu_s = follower.taken_s();
     Ok(Outcome {
         end,
         cpu_s,
         peak_mb: peak_mb().unwrap_or(0.0),
         operations: 0,
         reached: None,
-        progress: follower.followed(cpu_s),
+        progress: follower.followed(end, cpu_s),
     })
 }
 
-/// Follows the progress of a run by its CPU time, and stops it when that is over.
+/// Follows the progress of a run by its time, and stops it when that is over.
 struct Follower {
     watch: Stopwatch,
-    most_cpu_s: f64,
+    /// The time that counts.
+    clock: fn(Taken) -> f64,
+    most_s: f64,
     looks: Mutex<Looks>,
 }
 
@@ -163,13 +166,13 @@ struct Looks {
     /// One of so many calls is kept.
     every: usize,
     calls: usize,
-    /// CPU time, fraction, remaining time.
+    /// Time, fraction, remaining time.
     kept: Vec<(f64, f64, Option<f64>)>,
 }
 
 impl Control for Follower {
     fn report(&self, progress: &Progress) {
-        let elapsed = self.watch.taken().cpu_s;
+        let elapsed = self.taken_s();
         let Ok(mut looks) = self.looks.lock() else { return };
         let now = Duration::from_secs_f64(elapsed.max(0.0));
         looks.remaining.follow(progress, now);
@@ -189,36 +192,40 @@ impl Control for Follower {
     }
 
     fn should_stop(&self) -> bool {
-        self.watch.taken().cpu_s > self.most_cpu_s
+        self.taken_s() > self.most_s
     }
 }
 
 impl Follower {
-    fn start(most_cpu_s: f64) -> Self {
+    fn start(clock: fn(Taken) -> f64, most_s: f64) -> Self {
         let looks = Looks { remaining: RemainingTime::default(), every: 1, calls: 0, kept: Vec::new() };
-        Self { watch: Stopwatch::start(), most_cpu_s, looks: Mutex::new(looks) }
+        Self { watch: Stopwatch::start(), clock, most_s, looks: Mutex::new(looks) }
     }
 
-    /// Progress against the clock; `None` of runs that are too short to show any.
-    fn followed(&self, cpu_s: f64) -> Option<Followed> {
+    fn taken_s(&self) -> f64 {
+        (self.clock)(self.watch.taken())
+    }
+
+    /// Progress against the clock; `None` of runs that are too short to show any, or whose end was not seen.
+    fn followed(&self, end: End, total_s: f64) -> Option<Followed> {
         const SHORTEST_S: f64 = 1.0;
         let looks = self.looks.lock().ok()?;
-        if cpu_s < SHORTEST_S {
+        if total_s < SHORTEST_S || end == End::Cut {
             return None;
         }
-        let of = |share: f64| looks.kept.partition_point(|(at, ..)| *at < share * cpu_s);
+        let of = |share: f64| looks.kept.partition_point(|(at, ..)| *at < share * total_s);
         let judged = looks.kept.get(of(JUDGED[0])..of(JUDGED[1])).filter(|of| !of.is_empty())?;
-        let off = median(judged.iter().map(|(at, fraction, _)| (fraction - at / cpu_s).abs()).collect())?;
+        let off = median(judged.iter().map(|(at, fraction, _)| (fraction - at / total_s).abs()).collect())?;
         let factors = judged.iter().filter_map(|(at, _, eta_s)| {
-            let off = libm::log(eta_s.as_ref()?.max(0.05) / (cpu_s - at).max(0.05));
+            let off = libm::log(eta_s.as_ref()?.max(0.05) / (total_s - at).max(0.05));
             Some(libm::exp(off.abs()))
         });
-        let (mut since, mut last, mut standstill) = (JUDGED[0] * cpu_s, f64::NAN, 0.0_f64);
+        let (mut since, mut last, mut standstill) = (JUDGED[0] * total_s, f64::NAN, 0.0_f64);
         for (at, fraction, _) in judged {
             if (*fraction - last).abs() > 1e-6 || last.is_nan() {
                 (since, last) = (*at, *fraction);
             }
-            standstill = standstill.max((at - since) / cpu_s);
+            standstill = standstill.max((at - since) / total_s);
         }
         let unknown = judged.iter().filter(|(.., eta_s)| eta_s.is_none()).count();
         Some(Followed {
