@@ -182,7 +182,7 @@ impl<'a> Case<'a> {
                 0.0
             };
             let numbers = (grains, features.ending_share());
-            shapes::random_s(features.form(), self.form.angular, share, numbers, last_draws)
+            self.templates_s() + shapes::random_s(features.form(), share, numbers, last_draws)
         };
         let rsa = MethodEstimate::new(success_probability, seconds, features.rsa_limit(attempts));
         let growth = if self.by_moves {
@@ -216,7 +216,8 @@ impl<'a> Case<'a> {
     fn growth_by_moves(&self) -> MethodEstimate {
         let (features, grains) = (&self.features, self.grains);
         let limit = features.moves_limit(grains);
-        let time_s = |share| shapes::moves_s(features.form(), self.form.angular, share, grains);
+        let time_s =
+            |share| self.templates_s() + shapes::moves_s(features.form(), self.form.angular, share, grains);
         // Grains that grow on until they jam succeed once they have their size, when a limit of time ends that.
         let within = model::likely_within(time_s(Some(self.filled / limit)), most_growth_s(self.request));
         MethodEstimate::new(
@@ -224,6 +225,11 @@ impl<'a> Case<'a> {
             time_s(self.share_of_moves()),
             limit,
         )
+    }
+
+    /// Time in s of the templates of polyhedra.
+    fn templates_s(&self) -> f64 {
+        self.mix.shapes.as_ref().map_or(0.0, |shapes| shapes::templates_s(shapes.templates().count()))
     }
 
     /// Share of the volume fraction that nine of ten runs of growth by moves reach; `None` where the grains grow until

@@ -47,8 +47,8 @@ mod time {
     /// number.
     pub(super) const GRAINS: f64 = 8000.0;
     pub(super) const GRAINS_POWER: f64 = 0.1;
-    /// Time of the templates of polyhedra in s.
-    pub(super) const TEMPLATES_S: f64 = 0.1;
+    /// Time of a template of polyhedra in s.
+    pub(super) const TEMPLATE_S: f64 = 0.003;
 }
 
 /// What the estimates of growth by moves are worth for grains of a kind.
@@ -66,26 +66,19 @@ pub(super) fn moves_s(form: f64, angular: f64, share: Option<f64>, grains: f64) 
     let of_angular = time::MOVES_ANGULAR * powf(angular, time::MOVES_ANGULAR_POWER);
     let us = time::MOVES_US * (1.0 + time::MOVES_FORM * (form - 1.0) + of_angular);
     let steps = share.map_or(time::TO_JAMMING, |share| time_to(share.min(1.0)));
-    templates_s(angular) + us * 1e-6 * grains.max(time::FEW) * steps
+    us * 1e-6 * grains.max(time::FEW) * steps
 }
 
 /// The same of random addition of shaped grains. `ending_share` of the grains are at least as large as those that end
 /// it; finer ones find places easily. Where it is not expected to succeed, its last grain has `last_draws` draws.
-pub(super) fn random_s(
-    form: f64,
-    angular: f64,
-    share: f64,
-    (grains, ending_share): (f64, f64),
-    last_draws: f64,
-) -> f64 {
+pub(super) fn random_s(form: f64, share: f64, (grains, ending_share): (f64, f64), last_draws: f64) -> f64 {
     let [round, other] = time::RANDOM_US;
     let us = round + other * (1.0 - exp(1.0 - form));
     let crowded = |share: f64| exp(time::FALL_OFF * (share - 1.0)) / (1.0 - share + time::RANDOM_LEFT);
     let share = share.min(1.0);
     let easily = crowded(share.min(time::EASY));
     let [draw, of_form] = time::DRAW_US;
-    templates_s(angular)
-        + of_grains_s(us, grains) * (ending_share * crowded(share) + (1.0 - ending_share) * easily)
+    of_grains_s(us, grains) * (ending_share * crowded(share) + (1.0 - ending_share) * easily)
         + last_draws * 1e-6 * (draw + of_form * (1.0 - exp(1.0 - form)))
 }
 
@@ -94,8 +87,9 @@ fn of_grains_s(us: f64, grains: f64) -> f64 {
     us * 1e-6 * grains * powf(grains / time::GRAINS, time::GRAINS_POWER)
 }
 
-fn templates_s(angular: f64) -> f64 {
-    if angular > 0.0 { time::TEMPLATES_S } else { 0.0 }
+/// Time in s of making so many templates of polyhedra.
+pub(super) fn templates_s(templates: usize) -> f64 {
+    time::TEMPLATE_S * templates as f64
 }
 
 /// Refuses a mix of which no grain of the largest size fits into the specimen, with its distances.
