@@ -355,6 +355,34 @@ fn what_was_solved_is_not_solved_again_and_changes_no_byte() {
     assert!(Resume::of_export(&mut &kept[3][..], &finer).is_err());
 }
 
+/// Keeps the fraction of each report.
+#[derive(Default)]
+struct Follows(std::sync::Mutex<Vec<f64>>);
+
+impl Control for Follows {
+    fn report(&self, progress: &crate::Progress) {
+        self.0.lock().unwrap().push(progress.fraction);
+    }
+    fn should_stop(&self) -> bool {
+        false
+    }
+}
+
+/// Voxels are made layer by layer, and load cases solved one by one: neither is a leap of the progress.
+#[test]
+fn the_progress_follows_voxels_and_load_cases() {
+    let (specimen, grains) = (cube(10.0, Boundary::Periodic), one_ball(6.0));
+    let model = Model::new(&specimen, &grains);
+    let limits = Limits { export_threads: NonZeroUsize::MIN, ..Limits::default() };
+    let (control, mut out) = (Follows::default(), Vec::new());
+    request(&json!({"cells": 20})).write(&model, &limits, &control, &mut out).unwrap();
+    let fractions = control.0.into_inner().unwrap();
+    assert!(fractions.iter().filter(|of| (0.12..0.33).contains(*of)).count() >= 19, "{fractions:?}");
+    let steps = fractions.iter().zip(&fractions[1..]).map(|(before, now)| now - before);
+    assert!(steps.fold(0.0, f64::max) < 0.1, "{fractions:?}");
+    assert!(fractions.iter().fold(0.0_f64, |most, of| most.max(*of)) > 0.99);
+}
+
 /// The file of fields: its length, its arrays, and means of the stresses, which are the stiffness.
 #[test]
 fn fields_are_written_for_each_load_case() {

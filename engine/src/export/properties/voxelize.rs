@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::cut_ellipsoid::CutEllipsoid;
 use super::cut_polyhedron::{Cutter, Pieces, Range, shares};
 use crate::control::Control;
+use crate::export::steps::Steps;
 use crate::export::voxels::VoxelGrid;
 use crate::export::{ExportError, Model, go_on};
 use crate::geometry::images::Images;
@@ -20,6 +21,7 @@ use crate::memory::{OutOfMemory, filled, make_room, reserved};
 use crate::threads::share;
 
 use std::num::NonZeroUsize;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Lines along each edge of a voxel that shares of rounded polyhedra are measured along.
 const LINES: usize = 8;
@@ -109,12 +111,15 @@ pub(super) fn voxelize(
         })
         .collect();
     let work = Work { grains, grid, bodies: &bodies };
+    let steps = Steps { control, total: nz, unit: "layers", message: "making voxels" };
+    let done = AtomicUsize::new(0);
     share(threads, &mut planes, |k, plane| {
         if !control.should_stop() {
             match cuts {
                 Cuts::Labels => work.label(k, plane),
                 Cuts::Mixed => work.cut(k, plane),
             }
+            steps.report(done.fetch_add(1, Ordering::Relaxed) + 1);
         }
     });
     go_on(control)?;

@@ -163,15 +163,15 @@ fn exports() -> [(Value, f64); 10] {
     });
     [
         (json!({"type": "mesh", "format": "stl"}), 100.0),
-        (json!({"type": "mesh", "format": "vtu"}), 100.0),
-        (json!({"type": "voxels", "format": "raw", "cells": 400}), 100.0),
-        (json!({"type": "voxels", "format": "vti", "cells": 300}), 100.0),
+        (json!({"type": "mesh", "format": "vtu"}), 45.0),
+        (json!({"type": "voxels", "format": "raw", "cells": 1000}), 100.0),
+        (json!({"type": "voxels", "format": "vti", "cells": 800}), 100.0),
         (json!({"type": "slice", "format": "svg"}), 150.0),
-        (json!({"type": "deck", "cells": 80, "materials": materials}), 60.0),
-        (json!({"type": "ldpm"}), 80.0),
+        (json!({"type": "deck", "cells": 160, "materials": materials}), 60.0),
+        (json!({"type": "ldpm"}), 150.0),
         (json!({"type": "certificates"}), 150.0),
         (json!({"type": "quality"}), 100.0),
-        (json!({"type": "properties", "cells": 64, "materials": materials}), 60.0),
+        (json!({"type": "properties", "cells": 128, "materials": materials}), 60.0),
     ]
 }
 
